@@ -1,0 +1,230 @@
+//! What a subscriber of overcam reads: plain data and the name of the service.
+//!
+//! A planner depends on this crate alone (and on `iceoryx2` to subscribe). One [`Scene`] is published for every processed
+//! frame, also when nothing is seen, on the publish-subscribe service
+//! `NAME/scene` ([`DEFAULT_SERVICE`], [`SERVICE_SUFFIX`]); the event service of the same name
+//! is notified after each publication, so that a reader can block on it.
+//!
+//! # Layout
+//!
+//! All types are `repr(C)`, have a fixed size, hold no pointers and no padding bytes between fields, so that a C struct or a
+//! Python `ctypes.Structure` with the same fields reads them. Lists are arrays with a count in front; entries past the count
+//! are zero. Any change of layout changes the number in the type name, which makes iceoryx2 refuse a subscriber that was
+//! built for another layout instead of letting it read nonsense.
+//!
+//! # Coordinates
+//!
+//! [`Scene::frame`] says in which of two frames all numbers are:
+//!
+//! * [`FRAME_IMAGE`]: pixels; (0, 0) is the centre of the top left pixel, x right, y down; a heading is measured from +x
+//!   towards +y, that is clockwise on the screen.
+//! * [`FRAME_FLOOR`]: metres on the floor, z up; a heading is counter-clockwise from +x (REP-103).
+//!
+//! Headings are in radians within (-π, π], velocities are per second.
+#![no_std]
+#![forbid(unsafe_code)]
+
+use iceoryx2::prelude::ZeroCopySend;
+
+/// `NAME` of a service when no other was chosen with `--service NAME`.
+pub const DEFAULT_SERVICE: &str = "overcam";
+/// What follows `NAME` in the name of the publish-subscribe service and of the event service: `overcam/scene`.
+pub const SERVICE_SUFFIX: &str = "/scene";
+
+/// Most objects in one scene. What does not fit is counted in [`Scene::n_overflow`].
+pub const MAX_OBJECTS: usize = 64;
+/// Most points of an object's outline.
+pub const MAX_OUTLINE: usize = 64;
+/// Steps of a forecast.
+pub const MAX_FORECAST: usize = 15;
+/// Bytes of a marker's name, UTF-8, padded with zeros.
+pub const NAME_BYTES: usize = 32;
+
+/// [`Scene::frame`]: coordinates are pixels of the image.
+pub const FRAME_IMAGE: u32 = 0;
+/// [`Scene::frame`]: coordinates are metres on the floor.
+pub const FRAME_FLOOR: u32 = 1;
+
+/// [`Object::kind`]: something without a recognised marker.
+pub const KIND_OBSTACLE: u32 = 0;
+/// [`Object::kind`]: a robot or target with a recognised marker.
+pub const KIND_MARKER: u32 = 1;
+
+/// Bit of [`Object::flags`]: seen in this frame; otherwise the pose is the forecast made from earlier frames.
+pub const OBSERVED: u32 = 1;
+/// Bit of [`Object::flags`]: `heading_rad` and its covariances mean something.
+pub const HAS_HEADING: u32 = 2;
+
+/// Everything known about the floor at the moment one frame was exposed.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("overcam.Scene.v1")]
+pub struct Scene {
+    /// Number of the frame in its source, from 0; frames that were dropped, passed over or used for learning count too.
+    pub sequence: u64,
+    /// Moment of exposure: `CLOCK_MONOTONIC` of this machine for a camera, time since the first frame otherwise.
+    pub stamp_ns: u64,
+    /// `CLOCK_MONOTONIC` just before publication; 0 in a scene that was not published.
+    pub published_ns: u64,
+    /// [`FRAME_IMAGE`] or [`FRAME_FLOOR`].
+    pub frame: u32,
+    /// Entries of `objects` in use.
+    pub n_objects: u32,
+    /// Shapes and tracks of this frame that are not reported because a capacity was reached.
+    pub n_overflow: u32,
+    /// Must be zero; keeps the array aligned.
+    pub reserved: u32,
+    /// The objects, in the order of their track numbers.
+    pub objects: [Object; MAX_OBJECTS],
+}
+
+/// One thing on the floor.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("overcam.Object.v1")]
+pub struct Object {
+    /// Number of the track: the same thing keeps it from frame to frame, and it is never given twice in a run.
+    pub track: u64,
+    /// Marker: centre of the plate. Obstacle: centre of area of the outline.
+    pub x: f64,
+    /// See `x`.
+    pub y: f64,
+    /// Direction in which the marker's drawing points up; meaningful only with [`HAS_HEADING`].
+    pub heading_rad: f64,
+    /// Velocity along x, per second.
+    pub vx: f64,
+    /// Velocity along y, per second.
+    pub vy: f64,
+    /// Marker: side of the plate. Obstacle: square root of the outline's area.
+    pub size: f64,
+    /// Covariance of (x, y, heading), row by row; the heading's row and column are zero without [`HAS_HEADING`].
+    pub covariance: [[f64; 3]; 3],
+    /// Name of the marker; all zero for an obstacle. See [`Object::marker_name`].
+    pub marker: [u8; NAME_BYTES],
+    /// [`KIND_OBSTACLE`] or [`KIND_MARKER`].
+    pub kind: u32,
+    /// [`OBSERVED`] and [`HAS_HEADING`].
+    pub flags: u32,
+    /// Entries of `outline` in use.
+    pub n_outline: u32,
+    /// Entries of `forecast` in use.
+    pub n_forecast: u32,
+    /// Outline of the whole object as (x, y), in order, first point not repeated. Empty when not observed.
+    pub outline: [[f64; 2]; MAX_OUTLINE],
+    /// Where the object will be, in order of time.
+    pub forecast: [ForecastPoint; MAX_FORECAST],
+}
+
+/// A forecast for one moment.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("overcam.ForecastPoint.v1")]
+pub struct ForecastPoint {
+    /// Seconds after [`Scene::stamp_ns`].
+    pub dt_s: f64,
+    /// Expected x.
+    pub x: f64,
+    /// Expected y.
+    pub y: f64,
+    /// Covariance of (x, y), row by row.
+    pub covariance: [[f64; 2]; 2],
+}
+
+impl Scene {
+    /// A scene without objects.
+    pub const EMPTY: Self = Self {
+        sequence: 0,
+        stamp_ns: 0,
+        published_ns: 0,
+        frame: FRAME_IMAGE,
+        n_objects: 0,
+        n_overflow: 0,
+        reserved: 0,
+        objects: [Object::EMPTY; MAX_OBJECTS],
+    };
+
+    /// The objects in use.
+    #[must_use]
+    pub fn objects(&self) -> &[Object] {
+        &self.objects[..(self.n_objects as usize).min(MAX_OBJECTS)]
+    }
+}
+
+impl Object {
+    /// An object with every field zero.
+    pub const EMPTY: Self = Self {
+        track: 0,
+        x: 0.0,
+        y: 0.0,
+        heading_rad: 0.0,
+        vx: 0.0,
+        vy: 0.0,
+        size: 0.0,
+        covariance: [[0.0; 3]; 3],
+        marker: [0; NAME_BYTES],
+        kind: KIND_OBSTACLE,
+        flags: 0,
+        n_outline: 0,
+        n_forecast: 0,
+        outline: [[0.0; 2]; MAX_OUTLINE],
+        forecast: [ForecastPoint::EMPTY; MAX_FORECAST],
+    };
+
+    /// Name of the marker, `None` for an obstacle.
+    #[must_use]
+    pub fn marker_name(&self) -> Option<&str> {
+        if self.kind != KIND_MARKER {
+            return None;
+        }
+        let end = self
+            .marker
+            .iter()
+            .position(|&byte| byte == 0)
+            .unwrap_or(NAME_BYTES);
+        core::str::from_utf8(&self.marker[..end]).ok()
+    }
+
+    /// Direction of the marker in radians, where there is one.
+    #[must_use]
+    pub fn heading(&self) -> Option<f64> {
+        (self.flags & HAS_HEADING != 0).then_some(self.heading_rad)
+    }
+
+    /// Whether the object was seen in this frame.
+    #[must_use]
+    pub fn observed(&self) -> bool {
+        self.flags & OBSERVED != 0
+    }
+
+    /// The outline's points.
+    #[must_use]
+    pub fn outline(&self) -> &[[f64; 2]] {
+        &self.outline[..(self.n_outline as usize).min(MAX_OUTLINE)]
+    }
+
+    /// The forecast's points.
+    #[must_use]
+    pub fn forecast(&self) -> &[ForecastPoint] {
+        &self.forecast[..(self.n_forecast as usize).min(MAX_FORECAST)]
+    }
+}
+
+impl ForecastPoint {
+    /// A point with every field zero.
+    pub const EMPTY: Self = Self {
+        dt_s: 0.0,
+        x: 0.0,
+        y: 0.0,
+        covariance: [[0.0; 2]; 2],
+    };
+}
+
+// The layout is what other languages rely on: a change must be seen here first.
+const _: () = {
+    assert!(core::mem::size_of::<ForecastPoint>() == 56);
+    assert!(
+        core::mem::size_of::<Object>()
+            == 8 * 16 + NAME_BYTES + 16 + 16 * MAX_OUTLINE + 56 * MAX_FORECAST
+    );
+    assert!(core::mem::size_of::<Scene>() == 40 + MAX_OBJECTS * core::mem::size_of::<Object>());
+};

@@ -1,0 +1,3 @@
+//! overcam.
+pub mod frame;
+pub mod source;

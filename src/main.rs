@@ -1,0 +1,3 @@
+//! overcam: the command line program.
+
+fn main() {}
