@@ -1,6 +1,40 @@
 //! Pixels in; masks, thresholds, shapes and contours out (sections 2.1 and 2.2.1 of the paper).
+//!
+//! The modules stand in the order in which a frame passes through them:
+//!
+//! 1. [`background`] learns the picture of the empty floor from frames on which objects may move;
+//! 2. [`median`] removes the noise of single pixels;
+//! 3. [`difference`] compares a frame with the floor in hue, saturation and lightness;
+//! 4. [`threshold`] makes a mask of it: object or floor;
+//! 5. [`morphology`] removes specks from the mask and closes its gaps;
+//! 6. [`contour`] finds the shapes of the mask and walks around them;
+//! 7. [`split`] divides the pixels of one shape into light and dark;
+//! 8. [`isoline`] follows the border between them with a precision better than a pixel.
+//!
+//! All are plain functions over borrowed slices: inputs, then outputs and scratch, then settings. Nothing here allocates,
+//! keeps state from call to call, or knows of cameras and markers.
+//!
+//! # Pictures
+//!
+//! A plane is a slice of [`Size::area`] values, row after row, the top row first; x grows to the right, y downwards, and
+//! the centre of the top left pixel is (0, 0). A mask is a plane of bytes, 1 for object and 0 for floor. Slices of any
+//! other length are a mistake of the caller and panic.
 #![no_std]
 #![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod background;
+pub mod contour;
+pub mod difference;
+pub mod isoline;
+pub mod median;
+pub mod morphology;
+pub mod split;
+pub mod threshold;
+
+mod window;
 
 /// Width and height of a picture, in pixels. Pixel (x, y) of a plane is at index `y * width + x`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -16,5 +50,136 @@ impl Size {
     #[must_use]
     pub const fn area(self) -> usize {
         self.width * self.height
+    }
+}
+
+/// A pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Point {
+    /// Column, from the left.
+    pub x: u16,
+    /// Row, from the top.
+    pub y: u16,
+}
+
+/// A rectangle of pixels, borders included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Bounds {
+    /// Leftmost column.
+    pub left: u16,
+    /// Topmost row.
+    pub top: u16,
+    /// Rightmost column.
+    pub right: u16,
+    /// Bottom row.
+    pub bottom: u16,
+}
+
+impl Bounds {
+    /// The rectangle of one pixel.
+    #[must_use]
+    pub const fn of(point: Point) -> Self {
+        Self {
+            left: point.x,
+            top: point.y,
+            right: point.x,
+            bottom: point.y,
+        }
+    }
+
+    /// The same rectangle, grown as far as needed to hold `point`.
+    #[must_use]
+    pub fn with(self, point: Point) -> Self {
+        Self {
+            left: self.left.min(point.x),
+            top: self.top.min(point.y),
+            right: self.right.max(point.x),
+            bottom: self.bottom.max(point.y),
+        }
+    }
+
+    /// The same rectangle with `margin` more pixels on each side, as far as the picture reaches.
+    #[must_use]
+    pub fn grown(self, margin: u16, size: Size) -> Self {
+        Self {
+            left: self.left.saturating_sub(margin),
+            top: self.top.saturating_sub(margin),
+            right: self.right.saturating_add(margin).min(size.width as u16 - 1),
+            bottom: self
+                .bottom
+                .saturating_add(margin)
+                .min(size.height as u16 - 1),
+        }
+    }
+
+    /// Number of columns and rows.
+    #[must_use]
+    pub fn size(self) -> Size {
+        Size {
+            width: usize::from(self.right - self.left) + 1,
+            height: usize::from(self.bottom - self.top) + 1,
+        }
+    }
+}
+
+/// Copies a rectangle of a plane.
+///
+/// # Panics
+///
+/// When `plane` has not `size.area()` values, `out` not `bounds.size().area()`, or the rectangle reaches out of the plane.
+pub fn crop<T: Copy>(plane: &[T], size: Size, bounds: Bounds, out: &mut [T]) {
+    assert_len("plane", plane.len(), size);
+    let cut = bounds.size();
+    assert_len("out", out.len(), cut);
+    for (y, row) in out.chunks_exact_mut(cut.width).enumerate() {
+        let start = (usize::from(bounds.top) + y) * size.width + usize::from(bounds.left);
+        row.copy_from_slice(&plane[start..start + cut.width]);
+    }
+}
+
+/// The one check of all functions: a slice fits its size.
+#[track_caller]
+fn assert_len(name: &str, len: usize, size: Size) {
+    assert!(
+        len == size.area(),
+        "{name} has {len} values, {} x {} pixels were announced",
+        size.width,
+        size.height
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crop_takes_the_rectangle() {
+        let size = Size {
+            width: 4,
+            height: 3,
+        };
+        let plane = [0, 1, 2, 3, 10, 11, 12, 13, 20, 21, 22, 23];
+        let bounds = Bounds::of(Point { x: 1, y: 1 }).with(Point { x: 2, y: 2 });
+        let mut out = [0; 4];
+        crop(&plane, size, bounds, &mut out);
+        assert_eq!(out, [11, 12, 21, 22]);
+    }
+
+    #[test]
+    fn bounds_grow_only_to_the_border() {
+        let size = Size {
+            width: 5,
+            height: 4,
+        };
+        let grown = Bounds::of(Point { x: 1, y: 3 }).grown(2, size);
+        assert_eq!(
+            grown,
+            Bounds {
+                left: 0,
+                top: 1,
+                right: 3,
+                bottom: 3
+            }
+        );
     }
 }

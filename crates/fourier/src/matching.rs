@@ -1,0 +1,183 @@
+//! Comparison with references (section 2.2.3 of the paper).
+//!
+//! The quadratic distance between the points of two normalised contours is, by Parseval's theorem, [`N`] times that of
+//! their coefficients; the mean over the points is computed here, from the coefficients, without transforming back.
+//!
+//! A descriptor knows its orientation up to half a turn. Half a turn of orientation and start point changes the sign of the
+//! coefficients of even frequency and nothing else, so that one pass gives the distance to a reference and to its
+//! counterpart turned by 180 degrees.
+//!
+//! # Differences from the paper
+//!
+//! The paper takes the orientation from F1 and F(N-1) alone, which hold a small part of what is known about it. Once
+//! the reference is known, turn and shift of start point are fitted over all coefficients (two unknowns, least squares,
+//! Gauss-Newton); the distance is what is left after the fit.
+
+use crate::descriptor::Descriptor;
+use crate::fft::frequency;
+use crate::{Complex32, N, wrapped};
+
+/// Rounds of the fit; the third changes the orientation by less than a thousandth of a degree.
+const FIT_ROUNDS: usize = 2;
+
+/// How a descriptor compares with one reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Match {
+    /// Index of the reference.
+    pub reference: usize,
+    /// Mean square distance of the contours' points, in units of the square of the size.
+    pub distance: f32,
+    /// Orientation of the contour minus that of the reference, in radians, within (-π, π].
+    pub turn_rad: f32,
+}
+
+/// The reference that is nearest to a descriptor, and its distance; `None` when there are no references.
+pub fn best_match<'a>(
+    descriptor: &Descriptor,
+    references: impl IntoIterator<Item = &'a Descriptor>,
+) -> Option<Match> {
+    references
+        .into_iter()
+        .enumerate()
+        .map(|(index, reference)| Match {
+            reference: index,
+            ..compare(descriptor, reference)
+        })
+        .min_by(|a, b| a.distance.total_cmp(&b.distance))
+}
+
+/// Compares a descriptor with one reference and with that reference turned by 180 degrees, and keeps the nearer one.
+#[must_use]
+pub fn compare(descriptor: &Descriptor, reference: &Descriptor) -> Match {
+    let [upright, turned] = distances(descriptor, reference);
+    let half_turn = turned < upright;
+    let (turn, distance) = fit(&descriptor.coefficients, &reference.coefficients, half_turn);
+    let half = if half_turn {
+        core::f32::consts::PI
+    } else {
+        0.0
+    };
+    Match {
+        reference: 0,
+        distance,
+        turn_rad: wrapped(descriptor.orientation_rad - reference.orientation_rad + half + turn),
+    }
+}
+
+/// Mean square distance of the points of two normalised contours, and the same with the second one turned by 180 degrees.
+#[must_use]
+pub fn distances(a: &Descriptor, b: &Descriptor) -> [f32; 2] {
+    let (mut odd, mut even, mut even_turned) = (0.0, 0.0, 0.0);
+    for k in 1..N {
+        let (a, b) = (a.coefficients[k], b.coefficients[k]);
+        if k % 2 == 1 {
+            odd += (a - b).norm_sqr();
+        } else {
+            even += (a - b).norm_sqr();
+            even_turned += (a + b).norm_sqr();
+        }
+    }
+    [odd + even, odd + even_turned]
+}
+
+/// Fits a small turn and a small shift of the start point that bring `reference` onto `coefficients`. Returns the turn and the mean
+/// square distance that is left.
+fn fit(coefficients: &[Complex32; N], reference: &[Complex32; N], half_turn: bool) -> (f32, f32) {
+    let target = |k: usize| {
+        if half_turn && k.is_multiple_of(2) {
+            -reference[k]
+        } else {
+            reference[k]
+        }
+    };
+    let (mut turn, mut shift) = (0.0, 0.0);
+    let mut left = 0.0;
+    for round in 0..=FIT_ROUNDS {
+        // Derivatives of target * exp(j (turn + frequency * shift)): j and j * frequency times itself.
+        let (mut tt, mut ts, mut ss, mut tr, mut sr) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        left = 0.0;
+        for (k, coefficient) in coefficients.iter().enumerate().skip(1) {
+            let f = frequency(k) as f32;
+            let model = target(k) * Complex32::from_polar(1.0, turn + f * shift);
+            let residual = coefficient - model;
+            let power = model.norm_sqr();
+            // Real part of conj(j * model) * residual.
+            let along = (model.conj() * residual).im;
+            tt += power;
+            ts += power * f;
+            ss += power * f * f;
+            tr += along;
+            sr += along * f;
+            left += residual.norm_sqr();
+        }
+        let determinant = tt * ss - ts * ts;
+        if round == FIT_ROUNDS || determinant <= f32::EPSILON {
+            break;
+        }
+        turn += (tr * ss - sr * ts) / determinant;
+        shift += (sr * tt - tr * ts) / determinant;
+    }
+    (turn, left)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contour::resample;
+    use crate::descriptor::describe;
+    use crate::fft::inverse_fft;
+    use core::f32::consts::PI;
+    use proptest::prelude::*;
+
+    /// Half a disc: clockwise on the screen, flat side left.
+    fn half_disc(turn_rad: f32, radius: f32) -> Descriptor {
+        let points: std::vec::Vec<[f32; 2]> = (0..=60)
+            .map(|i| {
+                let angle = -PI / 2.0 + PI * i as f32 / 60.0 + turn_rad;
+                [
+                    50.0 + radius * libm::cosf(angle),
+                    60.0 + radius * libm::sinf(angle),
+                ]
+            })
+            .collect();
+        describe(&resample(&points), 0.05).expect("half a disc has an orientation")
+    }
+
+    fn triangle() -> Descriptor {
+        describe(&resample(&[[0.0, -9.0], [4.0, 5.0], [-4.0, 5.0]]), 0.05).expect("it is long")
+    }
+
+    #[test]
+    fn the_nearest_reference_wins() {
+        let references = [triangle(), half_disc(0.0, 10.0)];
+        let found = best_match(&half_disc(1.0, 30.0), &references).expect("there are references");
+        assert_eq!(found.reference, 1);
+        assert!(found.distance < 1e-4);
+        assert!(compare(&triangle(), &references[1]).distance > 1e-2);
+        assert_eq!(best_match(&triangle(), &[]), None);
+    }
+
+    proptest! {
+        #[test]
+        fn the_turn_is_found_all_the_way_round(turn in -PI..PI, radius in 2f32..80.0) {
+            let found = compare(&half_disc(turn, radius), &half_disc(0.0, 10.0));
+            prop_assert!(wrapped(found.turn_rad - turn).abs() < 0.01, "{} instead of {turn}", found.turn_rad);
+        }
+
+        #[test]
+        fn distances_are_those_of_the_points(turn in -PI..PI) {
+            let points = |d: &Descriptor, sign: f32| {
+                let mut c = d.coefficients;
+                c.iter_mut().skip(2).step_by(2).for_each(|f| *f *= sign);
+                inverse_fft(&mut c);
+                c
+            };
+            let (a, b) = (half_disc(turn, 10.0), triangle());
+            for (i, sign) in [1.0, -1.0].into_iter().enumerate() {
+                let squares = points(&a, 1.0).into_iter().zip(points(&b, sign)).map(|(a, b)| (a - b).norm_sqr());
+                let mean = squares.sum::<f32>() / N as f32;
+                prop_assert!((distances(&a, &b)[i] - mean).abs() < 1e-4);
+            }
+        }
+    }
+}

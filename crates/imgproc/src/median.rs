@@ -1,0 +1,77 @@
+//! 3x3 median: removes the noise of single pixels and keeps edges (section 2.1.1 of the paper).
+//!
+//! Each column of the window is sorted; the median of nine is then the median of the greatest low, the middle mid and the
+//! smallest high. With minimum and maximum as the only operations the loop has no branches.
+//!
+//! Cost: one pass, about 20 operations a pixel on as many pixels at once as a vector register holds.
+
+use crate::Size;
+use crate::window::map_3x3;
+
+/// Writes to `out` the median of the 3x3 window around each pixel. Outside the picture the border is repeated.
+///
+/// # Panics
+///
+/// When a slice has not `size.area()` values.
+///
+/// # Example
+///
+/// ```
+/// use imgproc::{Size, median::median_3x3};
+/// let speck = [5, 5, 5, 5, 99, 5, 5, 5, 5];
+/// let mut out = [0; 9];
+/// median_3x3(&speck, Size { width: 3, height: 3 }, &mut out);
+/// assert_eq!(out, [5; 9]);
+/// ```
+pub fn median_3x3(plane: &[u8], size: Size, out: &mut [u8]) {
+    map_3x3(plane, size, out, sorted, |left, mid, right| {
+        let lowest = left.0.max(mid.0).max(right.0);
+        let middle = median(left.1, mid.1, right.1);
+        let highest = left.2.min(mid.2).min(right.2);
+        median(lowest, middle, highest)
+    });
+}
+
+/// Three values in ascending order.
+fn sorted(a: u8, b: u8, c: u8) -> (u8, u8, u8) {
+    let (low, high) = (a.min(b), a.max(b));
+    (low.min(c), low.max(high.min(c)), high.max(c))
+}
+
+/// The middle one of three values.
+fn median(a: u8, b: u8, c: u8) -> u8 {
+    a.min(b).max(a.max(b).min(c))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::window::naive;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn equals_sorting_nine((size, plane) in naive::planes(255)) {
+            let mut out = std::vec![0xa5; size.area()];
+            median_3x3(&plane, size, &mut out);
+            let expected = naive::map_3x3(&plane, size, |mut window| {
+                window.sort_unstable();
+                window[4]
+            });
+            prop_assert_eq!(out, expected);
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "plane has 3 values, 2 x 2 pixels were announced")]
+    fn a_wrong_length_is_a_mistake() {
+        median_3x3(
+            &[0; 3],
+            Size {
+                width: 2,
+                height: 2,
+            },
+            &mut [0; 4],
+        );
+    }
+}
