@@ -112,6 +112,17 @@ impl Bounds {
         }
     }
 
+    /// The same rectangle, `right` columns and `down` rows further.
+    #[must_use]
+    pub const fn moved(self, right: u16, down: u16) -> Self {
+        Self {
+            left: self.left + right,
+            top: self.top + down,
+            right: self.right + right,
+            bottom: self.bottom + down,
+        }
+    }
+
     /// Number of columns and rows.
     #[must_use]
     pub fn size(self) -> Size {

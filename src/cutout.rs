@@ -1,0 +1,331 @@
+//! From the pixels of one shape to the contours of the dark figures on its bright plates (section 2.2.1 of the paper).
+//!
+//! 1. The shape's pixels are split into light and dark by their histogram, threshold half-way between the two.
+//! 2. Every light region is a plate that may carry a marker. Its contour, filled, takes in what is dark inside it.
+//! 3. Inside the plate, the split is made again, now that rim, robot and floor no longer count; the largest dark
+//!    region that light surrounds is the marker.
+//! 4. Light and dark levels are taken once more, around the marker; its contour is the line half-way
+//!    between them.
+//!
+//! # Differences from the paper
+//!
+//! * The paper splits once and takes what is dark for the marker. A coloured or dark rim around the plate, or a robot darker
+//!   than the marker, is then taken for part of it, and nothing is read. A marker here is what is dark *inside*
+//!   something light.
+//! * Opening and closing after the split erase what is narrower than 3 pixels: all of a small marker. They are applied
+//!   where the shape is at least [`OPENING_MIN_PX`] wide and high, and only to find the plate; the contour follows the
+//!   grey values.
+
+use fourier::contour::{Region, region};
+use imgproc::contour::{
+    Removed, Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
+};
+use imgproc::isoline::follow_isoline;
+use imgproc::morphology::{close_3x3, open_3x3};
+use imgproc::split::{Split, histogram, split};
+use imgproc::{Bounds, Point, Size, crop};
+
+/// Opening and closing from this width and height on.
+const OPENING_MIN_PX: usize = 64;
+
+/// A plate is at least this large: about 8 x 8 pixels.
+const PLATE_MIN_PX2: usize = 60;
+
+/// A marker covers at least this share of its plate's contour.
+const MARKER_SHARE_MIN: f32 = 0.04;
+
+/// Light and dark are at least this many grey levels apart.
+const CONTRAST_MIN: f32 = 30.0;
+
+/// Light pixels around a figure that count for its levels.
+const MARGIN_PX: u16 = 2;
+
+/// Grey pixels of a shape's bounding box, and which of them belong to the shape.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cutout<'a> {
+    /// Width and height of both planes.
+    pub(crate) size: Size,
+    /// Intensity.
+    pub(crate) grey: &'a [u8],
+    /// 1 where the pixel belongs to the shape.
+    pub(crate) mask: &'a [u8],
+}
+
+/// A dark figure on a bright plate. Coordinates are those of the cut-out.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Figure<'a> {
+    /// Contour, clockwise on the screen.
+    pub(crate) contour: &'a [[f32; 2]],
+    /// Area and centre of the contour.
+    pub(crate) region: Region,
+    /// Light and dark inside the plate.
+    pub(crate) split: Split,
+    /// Pixels inside the plate's contour.
+    pub(crate) plate_area_px2: usize,
+}
+
+/// Memory for cut-outs up to a given size. What it holds between two calls has no influence.
+#[derive(Debug)]
+pub(crate) struct CutoutScratch {
+    light: Vec<u8>,
+    plate: Vec<u8>,
+    grey: Vec<u8>,
+    dark: Vec<u8>,
+    points: Vec<Point>,
+    spans: Vec<Span>,
+    isoline: Vec<[f32; 2]>,
+}
+
+/// The part of the scratch that one plate needs.
+struct PlateScratch<'a> {
+    grey: &'a mut [u8],
+    dark: &'a mut [u8],
+    spans: &'a mut [Span],
+    isoline: &'a mut [[f32; 2]],
+}
+
+impl CutoutScratch {
+    /// Memory for cut-outs of at most this size.
+    pub(crate) fn new(size: Size) -> Self {
+        Self {
+            light: vec![0; size.area()],
+            plate: vec![0; size.area()],
+            grey: vec![0; size.area()],
+            dark: vec![0; size.area()],
+            points: vec![Point::default(); contour_capacity(size)],
+            spans: vec![Span::default(); span_capacity(size)],
+            isoline: vec![[0.0; 2]; 2 * contour_capacity(size)],
+        }
+    }
+}
+
+/// Points of the longest contour that is followed in a picture: eight times around it. Longer ones belong to noise.
+pub(crate) fn contour_capacity(size: Size) -> usize {
+    16 * (size.width + size.height)
+}
+
+/// Calls `found` with each dark figure on a bright plate, in reading order of the plates.
+pub(crate) fn find_figures(
+    cutout: Cutout<'_>,
+    scratch: &mut CutoutScratch,
+    mut found: impl FnMut(Figure<'_>),
+) {
+    let Cutout { size, grey, mask } = cutout;
+    let Some(split) = split(&histogram(grey, mask)).filter(has_contrast) else {
+        return;
+    };
+    let light = &mut scratch.light[..size.area()];
+    for ((light, &grey), &mask) in light.iter_mut().zip(grey).zip(mask) {
+        *light = mask & u8::from(f32::from(grey) >= split.threshold);
+    }
+    if size.width.min(size.height) >= OPENING_MIN_PX {
+        let spare = &mut scratch.grey[..size.area()];
+        open_3x3(light, size, spare);
+        close_3x3(light, size, spare);
+    }
+    let mut from = 0;
+    while let Some(start) = next_shape(&scratch.light[..size.area()], size, from) {
+        from = usize::from(start.y) * size.width + usize::from(start.x);
+        let light = &mut scratch.light[..size.area()];
+        let contour = follow_contour(light, size, start, &mut scratch.points);
+        let removed = remove_shape(light, size, start, &mut scratch.spans);
+        let Ok(contour) = contour else { continue };
+        if removed.area < PLATE_MIN_PX2 {
+            continue;
+        }
+        let plate = &mut scratch.plate[..removed.bounds.size().area()];
+        fill_contour(contour, removed.bounds, plate);
+        let memory = PlateScratch {
+            grey: &mut scratch.grey,
+            dark: &mut scratch.dark,
+            spans: &mut scratch.spans,
+            isoline: &mut scratch.isoline,
+        };
+        if let Some(figure) = figure_on_plate(cutout, removed.bounds, plate, memory) {
+            found(figure);
+        }
+    }
+}
+
+/// The largest dark region that is surrounded by the plate's light. `plate` holds the inside of the plate's contour, in `bounds`.
+fn figure_on_plate<'a>(
+    cutout: Cutout<'_>,
+    bounds: Bounds,
+    plate: &[u8],
+    scratch: PlateScratch<'a>,
+) -> Option<Figure<'a>> {
+    let PlateScratch {
+        grey,
+        dark,
+        spans,
+        isoline,
+    } = scratch;
+    let size = bounds.size();
+    let (grey, dark) = (&mut grey[..size.area()], &mut dark[..size.area()]);
+    crop(cutout.grey, cutout.size, bounds, grey);
+    let rough = split(&histogram(grey, plate)).filter(has_contrast)?;
+    for ((dark, &plate), &grey) in dark.iter_mut().zip(plate).zip(&*grey) {
+        *dark = plate & u8::from(f32::from(grey) < rough.threshold);
+    }
+    let largest = largest_shape(dark, size, spans)?;
+    let around = largest.bounds.grown(MARGIN_PX, size);
+    let split = split_around(grey, plate, size, around)?;
+    let start = first_dark(grey, plate, size, around, split.threshold)?;
+    let start = Point {
+        x: start.x + bounds.left,
+        y: start.y + bounds.top,
+    };
+    let contour = follow_isoline(cutout.grey, cutout.size, start, split.threshold, isoline).ok()?;
+    let region = region(contour);
+    let plate_area_px2 = plate.iter().map(|&p| usize::from(p)).sum();
+    // Where the line leaves the plate, it encloses more than the dark pixels inside it.
+    let plausible =
+        region.area > 0.5 * largest.area as f32 && region.area < 1.5 * largest.area as f32 + 8.0;
+    let large_enough = region.area >= MARKER_SHARE_MIN * plate_area_px2 as f32;
+    (plausible && large_enough).then_some(Figure {
+        contour,
+        region,
+        split,
+        plate_area_px2,
+    })
+}
+
+/// The shape of a mask that has the most pixels. The mask is empty afterwards.
+fn largest_shape(mask: &mut [u8], size: Size, spans: &mut [Span]) -> Option<Removed> {
+    let mut largest: Option<Removed> = None;
+    let mut from = 0;
+    while let Some(start) = next_shape(mask, size, from) {
+        from = usize::from(start.y) * size.width + usize::from(start.x);
+        let removed = remove_shape(mask, size, start, spans);
+        if largest.is_none_or(|largest| removed.area > largest.area) {
+            largest = Some(removed);
+        }
+    }
+    largest
+}
+
+/// The split in the neighbourhood of a figure, where a rim that is neither light nor dark does not shift it.
+fn split_around(grey: &[u8], plate: &[u8], size: Size, around: Bounds) -> Option<Split> {
+    let mut levels = [0; 256];
+    for y in around.top..=around.bottom {
+        let row = usize::from(y) * size.width;
+        let columns = row + usize::from(around.left)..=row + usize::from(around.right);
+        for (&grey, &plate) in grey[columns.clone()].iter().zip(&plate[columns]) {
+            levels[usize::from(grey)] += u32::from(plate);
+        }
+    }
+    split(&levels).filter(has_contrast)
+}
+
+/// The first dark pixel of the plate with light to its left, in reading order.
+fn first_dark(
+    grey: &[u8],
+    plate: &[u8],
+    size: Size,
+    around: Bounds,
+    threshold: f32,
+) -> Option<Point> {
+    let index = |x: u16, y: u16| usize::from(y) * size.width + usize::from(x);
+    let is_dark = |i: usize| f32::from(grey[i]) < threshold;
+    (around.top..=around.bottom)
+        .flat_map(|y| (around.left + 1..=around.right).map(move |x| Point { x, y }))
+        .find(|&Point { x, y }| {
+            let (left, here) = (index(x - 1, y), index(x, y));
+            plate[left] & plate[here] != 0 && is_dark(here) && !is_dark(left)
+        })
+}
+
+fn has_contrast(split: &Split) -> bool {
+    split.light - split.dark >= CONTRAST_MIN
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Draws rectangles, one over the other: (left, top, right, bottom, grey), and returns the areas of the figures found.
+    fn figures(rectangles: &[(usize, usize, usize, usize, u8)]) -> Vec<(f32, [f32; 2])> {
+        let size = Size {
+            width: 60,
+            height: 50,
+        };
+        let mut grey = vec![100; size.area()];
+        for &(left, top, right, bottom, value) in rectangles {
+            for y in top..=bottom {
+                grey[y * size.width + left..=y * size.width + right].fill(value);
+            }
+        }
+        let cutout = Cutout {
+            size,
+            grey: &grey,
+            mask: &vec![1; size.area()],
+        };
+        let mut found = Vec::new();
+        find_figures(cutout, &mut CutoutScratch::new(size), |f| {
+            found.push((f.region.area, f.region.centre))
+        });
+        found
+    }
+
+    /// A bar of 10 x 20 pixels; an isoline cuts the corners and passes half-way between the pixels.
+    fn assert_is_the_bar(figures: &[(f32, [f32; 2])]) {
+        let [(area, centre)] = figures else {
+            panic!("{figures:?}")
+        };
+        assert!((area - 200.0).abs() < 2.0, "{area}");
+        assert!(
+            (centre[0] - 29.5).abs() < 0.1 && (centre[1] - 24.5).abs() < 0.1,
+            "{centre:?}"
+        );
+    }
+
+    const PLATE: (usize, usize, usize, usize, u8) = (15, 10, 44, 39, 220);
+    const BAR: (usize, usize, usize, usize, u8) = (25, 15, 34, 34, 40);
+
+    #[test]
+    fn a_dark_figure_on_a_bare_plate() {
+        assert_is_the_bar(&figures(&[PLATE, BAR]));
+    }
+
+    #[test]
+    fn rims_of_any_brightness() {
+        for rim in [0, 60, 120, 180, 250] {
+            assert_is_the_bar(&figures(&[(10, 5, 49, 44, rim), PLATE, BAR]));
+        }
+    }
+
+    #[test]
+    fn a_robot_darker_than_its_marker() {
+        let marker = (25, 15, 34, 34, 90);
+        assert_is_the_bar(&figures(&[(0, 0, 59, 49, 10), PLATE, marker]));
+    }
+
+    #[test]
+    fn a_bright_robot_around_a_dark_rim() {
+        assert_is_the_bar(&figures(&[
+            (2, 2, 57, 47, 210),
+            (10, 5, 49, 44, 30),
+            PLATE,
+            BAR,
+        ]));
+    }
+
+    #[test]
+    fn two_plates_in_one_shape() {
+        let two = [
+            (5, 5, 24, 24, 220),
+            (10, 10, 19, 19, 40),
+            (32, 5, 51, 24, 220),
+            (38, 8, 45, 20, 40),
+        ];
+        assert_eq!(figures(&two).len(), 2);
+    }
+
+    #[test]
+    fn no_figure_without_contrast_or_without_light_around_it() {
+        assert!(figures(&[]).is_empty());
+        assert!(figures(&[(15, 10, 44, 39, 110)]).is_empty());
+        // The dark bar reaches the border of its plate.
+        assert!(figures(&[PLATE, (25, 10, 34, 34, 40)]).is_empty());
+    }
+}
