@@ -1,7 +1,9 @@
 //! overcam.
 mod cutout;
+pub mod demo;
 pub mod drawing;
 pub mod frame;
 pub mod marker;
 mod raster;
+mod render;
 pub mod source;

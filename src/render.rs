@@ -1,0 +1,267 @@
+//! Draws the demo floor as a camera would see it: texture, soft shadows, a lens's blur, slowly changing light, sensor noise.
+//!
+//! A frame is drawn in floating point from the floor upwards: shadows darken it, layers cover it with coverage that is exact to
+//! the pixel and blurred, the light scales all of it, and the sensor adds noise that grows with the square root of the signal.
+
+use std::f32::consts::TAU;
+
+use imgproc::Size;
+
+use crate::frame::Picture;
+use crate::marker::placed;
+use crate::raster::{Vertex, blur, fill_polygon};
+
+/// Blur of the lens, standard deviation in pixels.
+const LENS_BLUR_PX: f32 = 0.6;
+
+/// Noise of the sensor at mid grey, standard deviation in grey levels.
+const NOISE: f32 = 2.5;
+
+/// Length of the table of noise: rows start at different places in it.
+const NOISE_TABLE: usize = 1 << 16;
+
+/// Largest change of the light, as a share, and how long one swing takes.
+const LIGHT_DRIFT: f32 = 0.04;
+const LIGHT_PERIOD_S: f32 = 40.0;
+
+/// Shadows: how much light is left in their middle, how far they fall, and how wide their soft edge is, in pixels.
+const SHADOW_LIGHT: f32 = 0.68;
+const SHADOW_OFFSET_PX: [f32; 2] = [5.0, 4.0];
+const SHADOW_EDGE_PX: f32 = 4.0;
+
+/// What an object looks like from above: layers from the bottom up, in pixels around its centre, pointing up.
+#[derive(Debug)]
+pub(crate) struct Appearance {
+    pub(crate) layers: Vec<Layer>,
+}
+
+/// One part of an object, in one colour.
+#[derive(Debug)]
+pub(crate) struct Layer {
+    pub(crate) outline: Vec<Vertex>,
+    pub(crate) colour: [u8; 3],
+}
+
+/// The floor and the frame that is being drawn.
+#[derive(Debug)]
+pub(crate) struct Renderer {
+    size: Size,
+    floor: [Vec<f32>; 3],
+    canvas: [Vec<f32>; 3],
+    light: f32,
+    noise: Vec<f32>,
+    seed: u64,
+    coverage: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+impl Renderer {
+    pub(crate) fn new(size: Size, seed: u64) -> Self {
+        let floor = floor(size, seed);
+        let mut random = Random(seed ^ 0x6e6f_6973_65);
+        let noise = (0..NOISE_TABLE).map(|_| random.gaussian()).collect();
+        Self {
+            size,
+            canvas: floor.clone(),
+            floor,
+            light: 1.0,
+            noise,
+            seed,
+            coverage: vec![0.0; size.area()],
+            scratch: vec![0.0; size.area()],
+        }
+    }
+
+    /// Starts a frame: the empty floor, in the light of the moment.
+    pub(crate) fn begin(&mut self, time_s: f32) {
+        for (canvas, floor) in self.canvas.iter_mut().zip(&self.floor) {
+            canvas.copy_from_slice(floor);
+        }
+        self.light = 1.0 + LIGHT_DRIFT * (TAU * time_s / LIGHT_PERIOD_S).sin();
+    }
+
+    /// Draws an object with its shadow.
+    pub(crate) fn draw(&mut self, appearance: &Appearance, at: Vertex, turn_rad: f32, scale: f32) {
+        let Some(bottom) = appearance.layers.first() else {
+            return;
+        };
+        self.shadow(&placed(&bottom.outline, at, turn_rad, scale), at, scale);
+        for layer in &appearance.layers {
+            self.cover(&placed(&layer.outline, at, turn_rad, scale), layer.colour);
+        }
+    }
+
+    /// Darkens the floor around an object, as if it were a disc.
+    fn shadow(&mut self, outline: &[Vertex], at: Vertex, scale: f32) {
+        let radius = outline
+            .iter()
+            .map(|p| (p[0] - at[0]).hypot(p[1] - at[1]))
+            .fold(0.0, f32::max);
+        let (centre, edge) = (
+            [
+                at[0] + scale * SHADOW_OFFSET_PX[0],
+                at[1] + scale * SHADOW_OFFSET_PX[1],
+            ],
+            scale * SHADOW_EDGE_PX,
+        );
+        let reach = radius + edge;
+        let Some(area) = self.area(
+            [centre[0] - reach, centre[1] - reach],
+            [centre[0] + reach, centre[1] + reach],
+        ) else {
+            return;
+        };
+        for y in area.top..area.top + area.size.height {
+            for x in area.left..area.left + area.size.width {
+                let distance = (x as f32 - centre[0]).hypot(y as f32 - centre[1]);
+                // 1 inside, 0 outside, a smooth step between.
+                let t = ((radius + edge - distance) / (2.0 * edge)).clamp(0.0, 1.0);
+                let left = 1.0 - (1.0 - SHADOW_LIGHT) * t * t * (3.0 - 2.0 * t);
+                for plane in &mut self.canvas {
+                    plane[y * self.size.width + x] *= left;
+                }
+            }
+        }
+    }
+
+    /// Paints a polygon.
+    fn cover(&mut self, polygon: &[Vertex], colour: [u8; 3]) {
+        const MARGIN_PX: f32 = 3.0;
+        let low = |axis: usize| {
+            polygon
+                .iter()
+                .map(|p| p[axis])
+                .fold(f32::INFINITY, f32::min)
+                - MARGIN_PX
+        };
+        let high = |axis: usize| {
+            polygon
+                .iter()
+                .map(|p| p[axis])
+                .fold(f32::NEG_INFINITY, f32::max)
+                + MARGIN_PX
+        };
+        let Some(area) = self.area([low(0), low(1)], [high(0), high(1)]) else {
+            return;
+        };
+        let local: Vec<Vertex> = polygon
+            .iter()
+            .map(|p| [p[0] - area.left as f32, p[1] - area.top as f32])
+            .collect();
+        let coverage = &mut self.coverage[..area.size.area()];
+        fill_polygon(&local, area.size, coverage);
+        blur(
+            coverage,
+            area.size,
+            LENS_BLUR_PX,
+            &mut self.scratch[..area.size.area()],
+        );
+        for (plane, colour) in self.canvas.iter_mut().zip(colour) {
+            for (y, coverage) in coverage.chunks_exact(area.size.width).enumerate() {
+                let row =
+                    &mut plane[(area.top + y) * self.size.width + area.left..][..area.size.width];
+                for (pixel, share) in row.iter_mut().zip(coverage) {
+                    *pixel += share * (f32::from(colour) - *pixel);
+                }
+            }
+        }
+    }
+
+    /// The pixels of a rectangle that lie in the picture.
+    fn area(&self, low: Vertex, high: Vertex) -> Option<Area> {
+        let pixel = |c: f32, end: usize| (c.round().max(0.0) as usize).min(end);
+        let (left, top) = (
+            pixel(low[0], self.size.width),
+            pixel(low[1], self.size.height),
+        );
+        let (right, bottom) = (
+            pixel(high[0] + 1.0, self.size.width),
+            pixel(high[1] + 1.0, self.size.height),
+        );
+        let size = Size {
+            width: right - left,
+            height: bottom - top,
+        };
+        (size.area() > 0).then_some(Area { left, top, size })
+    }
+
+    /// Ends a frame: light, noise, 8 bits; red, green and blue of a pixel follow each other.
+    pub(crate) fn finish(&self, sequence: u64, bytes: &mut Vec<u8>) {
+        bytes.resize(3 * self.size.area(), 0);
+        let mut random = Random(self.seed ^ sequence.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        for (y, row) in bytes.chunks_exact_mut(3 * self.size.width).enumerate() {
+            for (channel, plane) in self.canvas.iter().enumerate() {
+                let offset = random.next() as usize;
+                let values = &plane[y * self.size.width..][..self.size.width];
+                for (x, value) in values.iter().enumerate() {
+                    let signal = value * self.light;
+                    let sigma = NOISE * (0.5 + 0.5 * signal / 128.0).sqrt();
+                    let noise = self.noise[(offset + x) % NOISE_TABLE];
+                    row[3 * x + channel] = (signal + sigma * noise + 0.5) as u8;
+                }
+            }
+        }
+    }
+
+    /// The empty floor without noise.
+    pub(crate) fn background(&self) -> Picture {
+        let [red, green, blue] = self
+            .floor
+            .each_ref()
+            .map(|plane| plane.iter().map(|v| (v + 0.5) as u8).collect());
+        Picture {
+            size: self.size,
+            red,
+            green,
+            blue,
+        }
+    }
+}
+
+/// A rectangle of pixels.
+struct Area {
+    left: usize,
+    top: usize,
+    size: Size,
+}
+
+/// Grey-brown tiles with joints and a grain, already blurred.
+fn floor(size: Size, seed: u64) -> [Vec<f32>; 3] {
+    const TILE_PX: usize = 96;
+    const COLOUR: [f32; 3] = [158.0, 150.0, 138.0];
+    let mut random = Random(seed);
+    let grain: Vec<f32> = (0..size.area()).map(|_| random.gaussian()).collect();
+    let tile: Vec<f32> = (0..64).map(|_| 1.0 + 0.02 * random.gaussian()).collect();
+    COLOUR.map(|base| {
+        let pixel = |i: usize| {
+            let (x, y) = (i % size.width, i / size.width);
+            let joint = x % TILE_PX == 0 || y % TILE_PX == 0;
+            let tile = tile[(x / TILE_PX + 8 * (y / TILE_PX)) % tile.len()];
+            base * tile * if joint { 0.86 } else { 1.0 } + 4.0 * grain[i]
+        };
+        let mut plane: Vec<f32> = (0..size.area()).map(pixel).collect();
+        blur(&mut plane, size, 1.0, &mut vec![0.0; size.area()]);
+        plane
+    })
+}
+
+/// A small generator of random numbers (splitmix64: Steele, Lea and Flood 2014).
+#[derive(Debug)]
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Standard normal, by the transform of Box and Muller.
+    fn gaussian(&mut self) -> f32 {
+        let unit = |bits: u64| ((bits >> 40) as f32 + 0.5) / (1u64 << 24) as f32;
+        let (u, v) = (unit(self.next()), unit(self.next()));
+        (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
+    }
+}
