@@ -1,0 +1,196 @@
+//! The direction of a marker over time: measured angles, unwrapped, and a constant turn rate through the last of them.
+
+use core::f64::consts::PI;
+
+use libm::floor;
+
+use crate::NS_PER_S;
+use crate::observation::Heading;
+
+/// Measurements of the turn rate's line fit.
+const MAX_ANGLES: usize = 5;
+/// Standard deviation of the turn rate as long as one direction is all that is known, in rad/s.
+const UNKNOWN_RATE_RAD_S: f64 = 1.0;
+/// Variance of a direction of which nothing is known: even over the whole turn.
+const MAX_VARIANCE: f64 = PI * PI / 3.0;
+
+/// The last measured directions.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct HeadingTrack {
+    times_ns: [u64; MAX_ANGLES],
+    /// Relative to each other without jumps of a whole turn; the newest within (-π, π].
+    angles_rad: [f64; MAX_ANGLES],
+    len: usize,
+    variance: f64,
+    rate_rad_s: f64,
+    rate_variance: f64,
+}
+
+impl HeadingTrack {
+    pub(crate) const EMPTY: Self = Self {
+        times_ns: [0; MAX_ANGLES],
+        angles_rad: [0.0; MAX_ANGLES],
+        len: 0,
+        variance: 0.0,
+        rate_rad_s: 0.0,
+        rate_variance: 0.0,
+    };
+
+    /// Adds a measurement not older than the newest one.
+    ///
+    /// Of the angles that differ by whole turns, the one nearest to the forecast is taken. No robot is taken to turn by more than half a turn a
+    /// frame, since the camera could not tell; after more than `longest_gap_s` without a measurement the past is forgotten, since whole
+    /// turns cannot be counted over it.
+    pub(crate) fn observe(
+        &mut self,
+        time_ns: u64,
+        measured: Heading,
+        step_s: f64,
+        longest_gap_s: f64,
+    ) {
+        if self.len > 0 && self.age_s(time_ns) > longest_gap_s {
+            self.len = 0;
+        }
+        self.variance = measured.variance;
+        let mut angle = wrapped(measured.rad);
+        if self.len > 0 {
+            let expected = self.angles_rad[self.len - 1] + self.rate_rad_s * self.age_s(time_ns);
+            angle = expected + wrapped(angle - expected);
+            if self.times_ns[self.len - 1] == time_ns {
+                self.len -= 1;
+            } else if self.len == MAX_ANGLES {
+                self.times_ns.copy_within(1.., 0);
+                self.angles_rad.copy_within(1.., 0);
+                self.len -= 1;
+            }
+        }
+        self.times_ns[self.len] = time_ns;
+        self.angles_rad[self.len] = angle;
+        self.len += 1;
+        // Whole turns taken out of all alike, so that the numbers stay small however long a robot spins.
+        let turns = angle - wrapped(angle);
+        for angle in &mut self.angles_rad[..self.len] {
+            *angle -= turns;
+        }
+        self.fit_rate(PI / step_s);
+    }
+
+    /// Direction at a moment not before the newest measurement.
+    pub(crate) fn at(&self, time_ns: u64) -> Option<Heading> {
+        let newest = self.angles_rad[..self.len].last()?;
+        let age_s = self.age_s(time_ns);
+        Some(Heading {
+            rad: wrapped(newest + self.rate_rad_s * age_s),
+            variance: (self.variance + self.rate_variance * age_s * age_s).min(MAX_VARIANCE),
+        })
+    }
+
+    /// Turn rate in rad/s, known from the second measurement on.
+    pub(crate) fn rate_rad_s(&self) -> Option<f64> {
+        (self.len > 1).then_some(self.rate_rad_s)
+    }
+
+    fn age_s(&self, time_ns: u64) -> f64 {
+        let newest_ns = self.times_ns[self.len - 1];
+        time_ns.saturating_sub(newest_ns) as f64 / NS_PER_S
+    }
+
+    /// Slope of the least-squares line through the angles, within ±`most_rad_s`.
+    fn fit_rate(&mut self, most_rad_s: f64) {
+        self.rate_rad_s = 0.0;
+        self.rate_variance = UNKNOWN_RATE_RAD_S * UNKNOWN_RATE_RAD_S;
+        if self.len < 2 {
+            return;
+        }
+        let n = self.len as f64;
+        let first_ns = self.times_ns[0];
+        let seconds = |time_ns: u64| (time_ns - first_ns) as f64 / NS_PER_S;
+        let points = self.times_ns[..self.len]
+            .iter()
+            .map(|time_ns| seconds(*time_ns))
+            .zip(self.angles_rad[..self.len].iter().copied());
+        let (mean_s, mean_rad) = points
+            .clone()
+            .fold((0.0, 0.0), |(s, rad), p| (s + p.0 / n, rad + p.1 / n));
+        let (spread, moment) = points.fold((0.0, 0.0), |(spread, moment), (s, rad)| {
+            let from_mean_s = s - mean_s;
+            (
+                spread + from_mean_s * from_mean_s,
+                moment + from_mean_s * (rad - mean_rad),
+            )
+        });
+        self.rate_rad_s = (moment / spread).clamp(-most_rad_s, most_rad_s);
+        self.rate_variance = self.variance / spread;
+    }
+}
+
+/// The same direction within (-π, π].
+fn wrapped(rad: f64) -> f64 {
+    let turns = floor((PI - rad) / (2.0 * PI));
+    let angle = rad + 2.0 * PI * turns;
+    // Rounding may leave -π itself, which is π.
+    if angle <= -PI { PI } else { angle.min(PI) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEP_NS: u64 = 66_666_667;
+    const STEP_S: f64 = 1.0 / 15.0;
+
+    fn heading(rad: f64) -> Heading {
+        Heading {
+            rad,
+            variance: 1e-4,
+        }
+    }
+
+    #[test]
+    fn wraps_to_the_half_open_turn() {
+        for (rad, expected) in [(0.0, 0.0), (PI, PI), (-PI, PI), (4.0, 4.0 - 2.0 * PI)] {
+            assert!((wrapped(rad) - expected).abs() < 1e-12, "{rad}");
+        }
+        assert!((wrapped(-7.0) - (2.0 * PI - 7.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_spinning_marker_keeps_its_rate_over_the_wrap() {
+        for rate in [-20.0, -3.0, 3.0, 20.0] {
+            let mut track = HeadingTrack::EMPTY;
+            // Slow at first: the camera cannot see the sense of a fast spin from two frames.
+            let mut angle = 0.0;
+            let mut time_ns = 0;
+            for i in 0..200 {
+                angle += rate * STEP_S * (f64::from(i) / 100.0).min(1.0);
+                time_ns += STEP_NS;
+                track.observe(time_ns, heading(wrapped(angle)), STEP_S, 1.0);
+            }
+            let found = track.rate_rad_s().expect("a rate");
+            assert!((found - rate).abs() < 1e-3, "{found} for {rate}");
+            let ahead = track.at(time_ns + 5 * STEP_NS).expect("a heading");
+            let error = wrapped(ahead.rad - (angle + rate * 5.0 * STEP_S));
+            assert!(error.abs() < 1e-3, "{error}");
+        }
+    }
+
+    #[test]
+    fn uncertainty_grows_to_that_of_any_direction() {
+        let mut track = HeadingTrack::EMPTY;
+        track.observe(0, heading(1.0), STEP_S, 1.0);
+        assert_eq!(track.rate_rad_s(), None);
+        let variance = |time_ns| track.at(time_ns).expect("a heading").variance;
+        assert!(variance(0) < variance(STEP_NS));
+        assert_eq!(variance(1_000_000_000_000), MAX_VARIANCE);
+    }
+
+    #[test]
+    fn a_long_gap_starts_again() {
+        let mut track = HeadingTrack::EMPTY;
+        track.observe(0, heading(0.0), STEP_S, 1.0);
+        track.observe(STEP_NS, heading(0.3), STEP_S, 1.0);
+        assert!(track.rate_rad_s().is_some());
+        track.observe(20 * STEP_NS, heading(-2.0), STEP_S, 1.0);
+        assert_eq!(track.rate_rad_s(), None);
+    }
+}

@@ -1,0 +1,142 @@
+//! The last places where an object was really seen, in order of time.
+
+use crate::NS_PER_S;
+
+/// Samples kept; enough for the longest fit and for the network's training window.
+pub(crate) const MAX_SAMPLES: usize = 32;
+
+/// A place at a moment of the tracker's own clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sample {
+    pub(crate) time_ns: u64,
+    pub(crate) position: [f64; 2],
+}
+
+impl Sample {
+    pub(crate) const EMPTY: Self = Self {
+        time_ns: 0,
+        position: [0.0; 2],
+    };
+
+    /// Seconds from `earlier` to `self`.
+    pub(crate) fn seconds_since(&self, earlier: &Self) -> f64 {
+        self.time_ns.saturating_sub(earlier.time_ns) as f64 / NS_PER_S
+    }
+}
+
+/// At most [`MAX_SAMPLES`] samples, oldest first, times strictly increasing.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct History {
+    samples: [Sample; MAX_SAMPLES],
+    len: usize,
+}
+
+impl History {
+    pub(crate) const EMPTY: Self = Self {
+        samples: [Sample::EMPTY; MAX_SAMPLES],
+        len: 0,
+    };
+
+    pub(crate) fn samples(&self) -> &[Sample] {
+        &self.samples[..self.len]
+    }
+
+    pub(crate) fn newest(&self) -> Option<&Sample> {
+        self.samples().last()
+    }
+
+    /// Adds a sample not older than the newest one and says whether the history grew by it.
+    ///
+    /// Only the newest two samples may be closer together than `least_spacing_ns`, and none are at the same time: a burst of frames, or a time
+    /// stamp given twice, replaces the newest sample instead of filling the history with moments too close for a slope.
+    pub(crate) fn push(&mut self, sample: Sample, least_spacing_ns: u64) -> bool {
+        if let [.., before, newest] = self.samples()
+            && newest.time_ns - before.time_ns < least_spacing_ns
+        {
+            self.samples[self.len - 1] = sample;
+            return false;
+        }
+        if self
+            .newest()
+            .is_some_and(|newest| sample.time_ns <= newest.time_ns)
+        {
+            self.samples[self.len - 1] = Sample {
+                time_ns: self.samples[self.len - 1].time_ns,
+                ..sample
+            };
+            return false;
+        }
+        if self.len == MAX_SAMPLES {
+            self.samples.copy_within(1.., 0);
+            self.len -= 1;
+        }
+        self.samples[self.len] = sample;
+        self.len += 1;
+        true
+    }
+
+    /// Moves all samples: the object is from now on measured at another point of its body.
+    pub(crate) fn translate(&mut self, by: [f64; 2]) {
+        for sample in &mut self.samples[..self.len] {
+            sample.position[0] += by[0];
+            sample.position[1] += by[1];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(time_ns: u64) -> Sample {
+        Sample {
+            time_ns,
+            position: [time_ns as f64, 0.0],
+        }
+    }
+
+    fn times<const N: usize>(history: &History) -> Option<[u64; N]> {
+        let mut times = [0; N];
+        if history.samples().len() != N {
+            return None;
+        }
+        for (time, sample) in times.iter_mut().zip(history.samples()) {
+            *time = sample.time_ns;
+        }
+        Some(times)
+    }
+
+    #[test]
+    fn forgets_the_oldest() {
+        let mut history = History::EMPTY;
+        for time in 1..=MAX_SAMPLES as u64 + 3 {
+            assert!(history.push(at(time), 0));
+        }
+        assert_eq!(history.samples().len(), MAX_SAMPLES);
+        assert_eq!(history.samples()[0], at(4));
+        assert_eq!(history.newest(), Some(&at(MAX_SAMPLES as u64 + 3)));
+    }
+
+    #[test]
+    fn a_burst_replaces_the_newest() {
+        let mut history = History::EMPTY;
+        for time in [0, 100, 101, 102, 210] {
+            history.push(at(time), 50);
+        }
+        assert_eq!(times(&history), Some([0, 100, 210]));
+        history.push(at(260), 50);
+        assert_eq!(times(&history), Some([0, 100, 210, 260]));
+    }
+
+    #[test]
+    fn the_same_moment_twice_keeps_the_later_place() {
+        let mut history = History::EMPTY;
+        history.push(at(7), 0);
+        let moved = Sample {
+            position: [5.0, 5.0],
+            ..at(7)
+        };
+        assert!(!history.push(moved, 0));
+        assert_eq!(history.samples(), [moved]);
+    }
+}

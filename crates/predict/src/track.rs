@@ -1,0 +1,370 @@
+//! What is known of one object: its state in the newest frame, its samples and its forecast.
+//!
+//! # A marked robot whose marker could not be read
+//!
+//! A marked track is where the centre of the plate is. When its robot is seen without its marker being read, all there is is the centre
+//! of area of the whole robot, which lies elsewhere on the body by an unknown amount that turns with it. Taking it as the
+//! robot's place would make the track jump to and fro with every misread. So such a sighting keeps the track alive and moves it
+//! only as far as it is informative: it is weighed against the forecast with the observation's covariance plus
+//! [`Settings::marker_offset`]² (the update of a Kalman filter). Just after a reading the forecast is far better and stays; the longer the marker is
+//! not read, the more the track follows the sighting. The heading is forecast, [`Track::pose_observed`] is false, and nothing is
+//! learned from such a sighting.
+//!
+//! When the marker has not been read for more than [`Settings::max_misses`] frames on end, the track gives it up and goes on under its number as
+//! a thing without marker: better an obstacle than a robot that may not be one. Where the measured point changes so from
+//! the plate to the outline, or the other way round because a marker is read on a track that had none, the
+//! samples are moved by the jump, which keeps the velocity.
+
+use crate::MAX_FORECAST;
+use crate::NS_PER_S;
+use crate::forecast::{Forecast, Forecaster, LEAST_SPACING_STEPS};
+use crate::heading::HeadingTrack;
+use crate::history::{History, Sample};
+use crate::motion::{add, scale, sub};
+use crate::observation::{Heading, Observation, Settings};
+use crate::score::Covariance;
+
+/// An object with an identity.
+#[derive(Debug, Clone)]
+pub struct Track {
+    id: u64,
+    marker: Option<u32>,
+    observed: Option<usize>,
+    pose_observed: bool,
+    position: [f64; 2],
+    covariance: Covariance,
+    velocity: [f64; 2],
+    heading: Option<Heading>,
+    age_frames: u64,
+    sightings: u32,
+    misses: u32,
+    /// Frames on end in which a marked track's marker was not read.
+    unread: u32,
+    /// What sightings without marker have moved the forecast by since the marker was read.
+    shift: [f64; 2],
+    points: [ForecastPoint; MAX_FORECAST],
+    ahead: Forecast,
+    history: History,
+    headings: HeadingTrack,
+    forecaster: Forecaster,
+}
+
+/// Where an object is expected at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForecastPoint {
+    /// Seconds after the frame's time stamp.
+    pub dt_s: f64,
+    /// Expected place.
+    pub x: f64,
+    /// See `x`.
+    pub y: f64,
+    /// Covariance of (x, y) as a camera would measure it then, in squared units.
+    pub covariance: [[f64; 2]; 2],
+}
+
+impl Track {
+    /// Number of the track, from 1, never given twice by a tracker.
+    #[must_use]
+    pub fn id(&self) -> u64 {
+        self.id
+    }
+
+    /// Index of the object's marker.
+    #[must_use]
+    pub fn marker(&self) -> Option<u32> {
+        self.marker
+    }
+
+    /// Index, in the slice given to [`Tracker::update`](crate::Tracker::update), of this frame's observation of the object; `None`
+    /// when it was not seen and everything here is forecast.
+    #[must_use]
+    pub fn observed(&self) -> Option<usize> {
+        self.observed
+    }
+
+    /// Whether position and heading are this frame's measurements. False when the object was not seen, and when a marked
+    /// one was seen without its marker being read.
+    #[must_use]
+    pub fn pose_observed(&self) -> bool {
+        self.pose_observed
+    }
+
+    /// (x, y) in units: the measurement itself, without a filter's lag, if [`pose_observed`](Self::pose_observed), otherwise the estimate.
+    #[must_use]
+    pub fn position(&self) -> [f64; 2] {
+        self.position
+    }
+
+    /// Covariance of [`position`](Self::position) in squared units.
+    #[must_use]
+    pub fn covariance(&self) -> [[f64; 2]; 2] {
+        self.covariance
+    }
+
+    /// Velocity along x and y in units a second; zero until the second sighting.
+    #[must_use]
+    pub fn velocity(&self) -> [f64; 2] {
+        self.velocity
+    }
+
+    /// Heading, measured or forecast, if one was ever measured.
+    #[must_use]
+    pub fn heading(&self) -> Option<Heading> {
+        self.heading
+    }
+
+    /// Turn rate of the heading in rad/s, from the second measured heading on.
+    #[must_use]
+    pub fn turn_rate(&self) -> Option<f64> {
+        self.headings.rate_rad_s()
+    }
+
+    /// Frames since the first sighting, that one included.
+    #[must_use]
+    pub fn age_frames(&self) -> u64 {
+        self.age_frames
+    }
+
+    /// Frames on end without a sighting, this one included.
+    #[must_use]
+    pub fn misses(&self) -> u32 {
+        self.misses
+    }
+
+    /// Where the object will be, one point each forecast step, counted from this frame's time stamp also when it was not seen.
+    #[must_use]
+    pub fn forecast(&self) -> &[ForecastPoint] {
+        &self.points
+    }
+
+    pub(crate) const EMPTY: Self = Self {
+        id: 0,
+        marker: None,
+        observed: None,
+        pose_observed: false,
+        position: [0.0; 2],
+        covariance: [[0.0; 2]; 2],
+        velocity: [0.0; 2],
+        heading: None,
+        age_frames: 0,
+        sightings: 0,
+        misses: 0,
+        unread: 0,
+        shift: [0.0; 2],
+        points: [ForecastPoint {
+            dt_s: 0.0,
+            x: 0.0,
+            y: 0.0,
+            covariance: [[0.0; 2]; 2],
+        }; MAX_FORECAST],
+        ahead: Forecast::EMPTY,
+        history: History::EMPTY,
+        headings: HeadingTrack::EMPTY,
+        forecaster: Forecaster::START,
+    };
+
+    /// A track of something seen for the first time.
+    pub(crate) fn start(
+        id: u64,
+        index: usize,
+        observation: &Observation,
+        now_ns: u64,
+        settings: &Settings,
+    ) -> Self {
+        let mut track = Self { id, ..Self::EMPTY };
+        track.sight(index, observation, now_ns, settings);
+        track
+    }
+
+    /// Where the object should be now, and how surely.
+    pub(crate) fn expected(&self, now_ns: u64) -> ([f64; 2], Covariance) {
+        let (place, covariance) = self.ahead.at(self.unmeasured_s(now_ns));
+        (add(place, self.shift), covariance)
+    }
+
+    /// Whether enough was seen of it to report it.
+    pub(crate) fn confirmed(&self, settings: &Settings) -> bool {
+        self.sightings >= settings.confirm
+    }
+
+    /// Whether it is time to drop it.
+    pub(crate) fn lost(&self, settings: &Settings) -> bool {
+        self.misses > settings.max_misses || (self.misses > 0 && !self.confirmed(settings))
+    }
+
+    /// Takes this frame's observation of the object.
+    pub(crate) fn sight(
+        &mut self,
+        index: usize,
+        observation: &Observation,
+        now_ns: u64,
+        settings: &Settings,
+    ) {
+        self.age_frames += 1;
+        self.sightings = self.sightings.saturating_add(1);
+        self.misses = 0;
+        self.observed = Some(index);
+        match (self.marker, observation.marker) {
+            (Some(_), None) if self.unread < settings.max_misses => {
+                self.unread += 1;
+                self.follow(observation, now_ns, settings);
+            }
+            (Some(_), None) => {
+                self.headings = HeadingTrack::EMPTY;
+                self.measure_elsewhere(observation, now_ns);
+                self.measure(observation, now_ns, settings);
+            }
+            (None, Some(_)) => {
+                self.measure_elsewhere(observation, now_ns);
+                self.measure(observation, now_ns, settings);
+            }
+            _ => self.measure(observation, now_ns, settings),
+        }
+        self.publish_ahead(now_ns, settings);
+    }
+
+    /// Lives through a frame in which the object was not seen.
+    pub(crate) fn miss(&mut self, now_ns: u64, settings: &Settings) {
+        self.age_frames += 1;
+        self.misses = self.misses.saturating_add(1);
+        self.unread = self.unread.saturating_add(1);
+        self.observed = None;
+        self.coast(now_ns, settings);
+        self.publish_ahead(now_ns, settings);
+    }
+
+    /// The observation is the pose: take it, learn from it, look ahead from it.
+    fn measure(&mut self, observation: &Observation, now_ns: u64, settings: &Settings) {
+        let step_s = settings.forecast_step_s;
+        self.marker = observation.marker;
+        self.unread = 0;
+        self.shift = [0.0; 2];
+        self.pose_observed = true;
+        self.position = [observation.x, observation.y];
+        self.covariance = observation.covariance;
+        if let Some(heading) = observation.heading {
+            self.headings
+                .observe(now_ns, heading, step_s, MAX_FORECAST as f64 * step_s);
+        }
+        self.heading = self.headings.at(now_ns);
+        let sample = Sample {
+            time_ns: now_ns,
+            position: self.position,
+        };
+        let least_spacing_ns = (LEAST_SPACING_STEPS * step_s * NS_PER_S) as u64;
+        if self.history.push(sample, least_spacing_ns) {
+            self.forecaster.learn(&self.history, settings);
+        }
+        self.ahead = self
+            .forecaster
+            .forecast(&self.history, &self.covariance, settings);
+        self.velocity = self.ahead.velocity;
+    }
+
+    /// The observation is another point of a marked body: weigh it against the forecast.
+    fn follow(&mut self, observation: &Observation, now_ns: u64, settings: &Settings) {
+        self.coast(now_ns, settings);
+        let mut noise = observation.covariance;
+        let offset_variance = settings.marker_offset * settings.marker_offset;
+        noise[0][0] += offset_variance;
+        noise[1][1] += offset_variance;
+        let innovation = sub([observation.x, observation.y], self.position);
+        if let Some((correction, covariance)) = weigh(&self.covariance, &noise, innovation) {
+            self.shift = add(self.shift, correction);
+            self.position = add(self.position, correction);
+            self.covariance = covariance;
+        }
+    }
+
+    /// Everything from the forecast.
+    fn coast(&mut self, now_ns: u64, settings: &Settings) {
+        self.pose_observed = false;
+        (self.position, self.covariance) = self.expected(now_ns);
+        self.heading = self.headings.at(now_ns);
+        let step_s = settings.forecast_step_s;
+        let (next, _) = self.ahead.at(self.unmeasured_s(now_ns) + step_s);
+        let moved = sub(add(next, self.shift), self.position);
+        self.velocity = scale(moved, 1.0 / step_s);
+    }
+
+    /// From this observation on, the position means another point of the body.
+    fn measure_elsewhere(&mut self, observation: &Observation, now_ns: u64) {
+        let (expected, _) = self.expected(now_ns);
+        if self.history.samples().len() < 2 {
+            self.history = History::EMPTY;
+        } else {
+            self.history
+                .translate(sub([observation.x, observation.y], expected));
+        }
+        self.forecaster.measured_elsewhere();
+    }
+
+    fn publish_ahead(&mut self, now_ns: u64, settings: &Settings) {
+        let unmeasured_s = self.unmeasured_s(now_ns);
+        for (i, point) in self.points.iter_mut().enumerate() {
+            let dt_s = (i as f64 + 1.0) * settings.forecast_step_s;
+            let (place, covariance) = self.ahead.at(unmeasured_s + dt_s);
+            let [x, y] = add(place, self.shift);
+            *point = ForecastPoint {
+                dt_s,
+                x,
+                y,
+                covariance,
+            };
+        }
+    }
+
+    /// Seconds since the last sample.
+    fn unmeasured_s(&self, now_ns: u64) -> f64 {
+        self.history.newest().map_or(0.0, |newest| {
+            now_ns.saturating_sub(newest.time_ns) as f64 / NS_PER_S
+        })
+    }
+}
+
+/// Kalman update of a place: the correction by `innovation`, and what covariance is left; `None` when neither side has any noise.
+fn weigh(
+    forecast: &Covariance,
+    noise: &Covariance,
+    innovation: [f64; 2],
+) -> Option<([f64; 2], Covariance)> {
+    let [[a, b], [_, d]] = [0, 1].map(|i| add(forecast[i], noise[i]));
+    // Both are positive semidefinite, so the determinant of the sum is not negative but for rounding.
+    let determinant = a * d - b * b;
+    if determinant <= 0.0 || !determinant.is_finite() {
+        return None;
+    }
+    let inverse = [[d, -b], [-b, a]].map(|row| scale(row, 1.0 / determinant));
+    let gain = [0, 1].map(|i| {
+        let row: [f64; 2] = forecast[i];
+        [0, 1].map(|j| row[0] * inverse[0][j] + row[1] * inverse[1][j])
+    });
+    let correction = gain.map(|row| row[0] * innovation[0] + row[1] * innovation[1]);
+    // gain * noise equals (1 - gain) * forecast and, unlike that, cannot become negative by cancellation.
+    let left = gain.map(|row| [0, 1].map(|j| row[0] * noise[0][j] + row[1] * noise[1][j]));
+    let off_diagonal = 0.5 * (left[0][1] + left[1][0]);
+    let covariance = [[left[0][0], off_diagonal], [off_diagonal, left[1][1]]];
+    let finite = correction
+        .iter()
+        .chain(covariance.as_flattened())
+        .all(|value| value.is_finite());
+    finite.then_some((correction, covariance))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weighs_by_variance() {
+        let (correction, left) = weigh(
+            &[[1.0, 0.0], [0.0, 3.0]],
+            &[[3.0, 0.0], [0.0, 1.0]],
+            [4.0, 4.0],
+        )
+        .expect("noise on both sides");
+        assert_eq!(correction, [1.0, 3.0]);
+        assert_eq!(left, [[0.75, 0.0], [0.0, 0.75]]);
+        assert_eq!(weigh(&[[0.0; 2]; 2], &[[0.0; 2]; 2], [1.0, 1.0]), None);
+    }
+}
