@@ -12,9 +12,9 @@
 //! * The paper splits once and takes what is dark for the marker. A coloured or dark rim around the plate, or a robot darker
 //!   than the marker, is then taken for part of it, and nothing is read. A marker here is what is dark *inside*
 //!   something light.
-//! * Opening and closing after the split erase what is narrower than 3 pixels: all of a small marker. They are applied
-//!   where the shape is at least [`OPENING_MIN_PX`] wide and high, and only to find the plate; the contour follows the
-//!   grey values.
+//! * Opening and closing after the split erase what is narrower than 3 pixels: all of a small marker, and the white border of
+//!   a larger one. They are applied to the dark regions of plates from [`OPENING_MIN_PX`] on, and only to decide which of them
+//!   is the marker; the contour follows the grey values.
 
 use fourier::contour::{Region, region};
 use imgproc::contour::{
@@ -25,8 +25,8 @@ use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::split::{Split, histogram, split};
 use imgproc::{Bounds, Point, Size, crop};
 
-/// Opening and closing from this width and height on.
-const OPENING_MIN_PX: usize = 64;
+/// Opening and closing from this width and height of a plate on.
+const OPENING_MIN_PX: usize = 40;
 
 /// A plate is at least this large: about 8 x 8 pixels.
 const PLATE_MIN_PX2: usize = 60;
@@ -71,6 +71,7 @@ pub(crate) struct CutoutScratch {
     plate: Vec<u8>,
     grey: Vec<u8>,
     dark: Vec<u8>,
+    spare: Vec<u8>,
     points: Vec<Point>,
     spans: Vec<Span>,
     isoline: Vec<[f32; 2]>,
@@ -80,6 +81,7 @@ pub(crate) struct CutoutScratch {
 struct PlateScratch<'a> {
     grey: &'a mut [u8],
     dark: &'a mut [u8],
+    spare: &'a mut [u8],
     spans: &'a mut [Span],
     isoline: &'a mut [[f32; 2]],
 }
@@ -92,6 +94,7 @@ impl CutoutScratch {
             plate: vec![0; size.area()],
             grey: vec![0; size.area()],
             dark: vec![0; size.area()],
+            spare: vec![0; size.area()],
             points: vec![Point::default(); contour_capacity(size)],
             spans: vec![Span::default(); span_capacity(size)],
             isoline: vec![[0.0; 2]; 2 * contour_capacity(size)],
@@ -118,11 +121,6 @@ pub(crate) fn find_figures(
     for ((light, &grey), &mask) in light.iter_mut().zip(grey).zip(mask) {
         *light = mask & u8::from(f32::from(grey) >= split.threshold);
     }
-    if size.width.min(size.height) >= OPENING_MIN_PX {
-        let spare = &mut scratch.grey[..size.area()];
-        open_3x3(light, size, spare);
-        close_3x3(light, size, spare);
-    }
     let mut from = 0;
     while let Some(start) = next_shape(&scratch.light[..size.area()], size, from) {
         from = usize::from(start.y) * size.width + usize::from(start.x);
@@ -138,6 +136,7 @@ pub(crate) fn find_figures(
         let memory = PlateScratch {
             grey: &mut scratch.grey,
             dark: &mut scratch.dark,
+            spare: &mut scratch.spare,
             spans: &mut scratch.spans,
             isoline: &mut scratch.isoline,
         };
@@ -154,10 +153,7 @@ fn figure_on_plate<'a>(
     plate: &[u8],
     scratch: PlateScratch<'a>,
 ) -> Option<Figure<'a>> {
-    let PlateScratch {
-        grey,
-        dark,
-        spans,
+    let PlateScratch { grey, dark, spare, spans,
         isoline,
     } = scratch;
     let size = bounds.size();
@@ -166,6 +162,11 @@ fn figure_on_plate<'a>(
     let rough = split(&histogram(grey, plate)).filter(has_contrast)?;
     for ((dark, &plate), &grey) in dark.iter_mut().zip(plate).zip(&*grey) {
         *dark = plate & u8::from(f32::from(grey) < rough.threshold);
+    }
+    if size.width.min(size.height) >= OPENING_MIN_PX {
+        let spare = &mut spare[..size.area()];
+        open_3x3(dark, size, spare);
+        close_3x3(dark, size, spare);
     }
     let largest = largest_shape(dark, size, spans)?;
     let around = largest.bounds.grown(MARGIN_PX, size);

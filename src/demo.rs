@@ -14,6 +14,7 @@ use imgproc::Size;
 use crate::frame::{Frame, Picture, PixelFormat};
 use crate::marker;
 use crate::raster::Vertex;
+use crate::reference::PLATE;
 use crate::render::{Appearance, Layer, Renderer};
 use crate::source::{Next, SourceInfo};
 
@@ -414,9 +415,9 @@ fn robot(
     };
     let mut layers = vec![layer(body, colour)];
     if let Some(rim) = rim {
-        layers.push(layer(scaled(&marker::PLATE, plate_px * 1.16), rim));
+        layers.push(layer(scaled(&PLATE, plate_px * 1.16), rim));
     }
-    layers.push(layer(scaled(&marker::PLATE, plate_px), WHITE));
+    layers.push(layer(scaled(&PLATE, plate_px), WHITE));
     layers.push(layer(scaled(&outline, plate_px), BLACK));
     Actor {
         marker: Some(marker),

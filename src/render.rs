@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use imgproc::Size;
 
 use crate::frame::Picture;
-use crate::marker::placed;
+use crate::reference::placed;
 use crate::raster::{Vertex, blur, fill_polygon};
 
 /// Blur of the lens, standard deviation in pixels.

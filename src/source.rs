@@ -43,3 +43,11 @@ pub struct Slot {
     /// What was found in the frame.
     pub scene: Box<scene::Scene>,
 }
+
+impl Slot {
+    /// A slot without a frame, to be filled by a source.
+    #[must_use]
+    pub fn empty() -> Self {
+        Self { frame: Frame::empty(), passed_over: false, background: None, scene: Box::new(scene::Scene::EMPTY) }
+    }
+}

@@ -1,0 +1,156 @@
+//! From the mask to detections: every shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3 of the paper).
+
+use fourier::contour::region;
+use imgproc::contour::{Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity};
+use imgproc::{Bounds, Point, Size};
+
+use crate::cutout::{Cutout, CutoutScratch, contour_capacity, find_figures};
+use crate::frame::Picture;
+use crate::marker::{Family, RecognitionSettings, Recognised};
+use crate::outline::{Outline, simplified};
+
+/// Most detections of one frame.
+pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;
+
+/// Variance of an obstacle's centre in either axis. Contours go in steps of a pixel; the errors of neighbouring steps are too
+/// much alike to average out, so that of one step is taken (1/12), and twice that for the shadow's edge.
+const OBSTACLE_VARIANCE_PX2: f64 = 0.25;
+
+/// Something that stands on the floor. Image coordinates.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Detection {
+    /// The marker, where one was recognised.
+    pub(crate) marker: Option<Recognised>,
+    /// Centre of the plate, or of the contour's area.
+    pub(crate) centre: [f64; 2],
+    /// Variance of the centre in either axis, px².
+    pub(crate) variance_px2: f64,
+    /// Side of the plate, or square root of the contour's area.
+    pub(crate) size_px: f64,
+    /// The whole object.
+    pub(crate) outline: Outline,
+}
+
+/// Memory for one frame's detections. What it holds between two calls has no influence.
+#[derive(Debug)]
+pub(crate) struct Detector {
+    size: Size,
+    contour: Vec<Point>,
+    polygon: Vec<[f32; 2]>,
+    spans: Vec<Span>,
+    mask: Vec<u8>,
+    grey: Vec<u8>,
+    cutout: CutoutScratch,
+    detections: Vec<Detection>,
+}
+
+impl Detector {
+    /// Memory for frames of a size.
+    pub(crate) fn new(size: Size) -> Self {
+        Self {
+            size,
+            contour: vec![Point::default(); contour_capacity(size)],
+            polygon: Vec::with_capacity(contour_capacity(size)),
+            spans: vec![Span::default(); span_capacity(size)],
+            mask: vec![0; size.area()],
+            grey: vec![0; size.area()],
+            cutout: CutoutScratch::new(size),
+            detections: Vec::with_capacity(MAX_DETECTIONS),
+        }
+    }
+
+    /// Everything in the mask, in reading order, and how many shapes and markers found no room or had too long a contour.
+    /// Uses the mask up.
+    pub(crate) fn detect(
+        &mut self,
+        mask: &mut [u8],
+        picture: &Picture,
+        family: &Family,
+        area_min_px2: usize,
+        settings: &RecognitionSettings,
+    ) -> (&[Detection], u32) {
+        self.detections.clear();
+        let mut overflow = 0;
+        let mut from = 0;
+        while let Some(start) = next_shape(mask, self.size, from) {
+            from = usize::from(start.y) * self.size.width + usize::from(start.x);
+            let contour = follow_contour(mask, self.size, start, &mut self.contour).map(<[Point]>::len);
+            let removed = remove_shape(mask, self.size, start, &mut self.spans);
+            if removed.area < area_min_px2 {
+                continue;
+            }
+            match contour {
+                Ok(len) if self.detections.len() < MAX_DETECTIONS => {
+                    overflow += self.detect_in_shape(len, removed.bounds, picture, family, settings);
+                }
+                _ => overflow += 1,
+            }
+        }
+        (&self.detections, overflow)
+    }
+
+    /// The markers of one shape, or the obstacle that it is. Returns how many found no room.
+    fn detect_in_shape(
+        &mut self,
+        contour_len: usize,
+        bounds: Bounds,
+        picture: &Picture,
+        family: &Family,
+        settings: &RecognitionSettings,
+    ) -> u32 {
+        let contour = &self.contour[..contour_len];
+        let outline = simplified(contour);
+        // One pixel more on each side: the contour of a figure is followed between pixels.
+        let around = bounds.grown(1, self.size);
+        let size = around.size();
+        let mask = &mut self.mask[..size.area()];
+        fill_contour(contour, around, mask);
+        let grey = &mut self.grey[..size.area()];
+        crop_grey(picture, around, grey);
+        let cutout = Cutout { size, grey, mask };
+        let (mut found, mut lost) = (false, 0);
+        find_figures(cutout, &mut self.cutout, |figure| {
+            if let Some(marker) = family.recognise(&figure, cutout, settings) {
+                found = true;
+                if self.detections.len() == MAX_DETECTIONS {
+                    lost += 1;
+                    return;
+                }
+                let [x, y] = marker.centre;
+                self.detections.push(Detection {
+                    marker: Some(marker),
+                    centre: [f64::from(x) + f64::from(around.left), f64::from(y) + f64::from(around.top)],
+                    variance_px2: f64::from(marker.centre_sigma_px).powi(2),
+                    size_px: f64::from(marker.plate_px),
+                    outline,
+                });
+            }
+        });
+        if !found {
+            self.polygon.clear();
+            self.polygon.extend(contour.iter().map(|p| [f32::from(p.x), f32::from(p.y)]));
+            let region = region(&self.polygon);
+            self.detections.push(Detection {
+                marker: None,
+                centre: region.centre.map(f64::from),
+                variance_px2: OBSTACLE_VARIANCE_PX2,
+                size_px: f64::from(region.area.max(0.0).sqrt()),
+                outline,
+            });
+        }
+        lost
+    }
+}
+
+/// Intensity of a rectangle of the picture: what the eye calls brightness, in 8 bits (BT.601).
+fn crop_grey(picture: &Picture, bounds: Bounds, grey: &mut [u8]) {
+    let width = bounds.size().width;
+    for (y, grey) in grey.chunks_exact_mut(width).enumerate() {
+        let start = (usize::from(bounds.top) + y) * picture.size.width + usize::from(bounds.left);
+        let row = start..start + width;
+        let (red, green, blue) = (&picture.red[row.clone()], &picture.green[row.clone()], &picture.blue[row]);
+        for (((grey, &r), &g), &b) in grey.iter_mut().zip(red).zip(green).zip(blue) {
+            *grey = ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8;
+        }
+    }
+}

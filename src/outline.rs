@@ -1,0 +1,114 @@
+//! Contours as polygons of few corners, for those who plan around them.
+
+use imgproc::Point;
+
+/// Corners at most.
+pub(crate) const CAPACITY: usize = scene::MAX_OUTLINE;
+
+/// Greatest distance between contour and polygon, to begin with: what pixels cannot show anyway.
+const TOLERANCE_PX: f32 = 0.75;
+
+/// Corners of a polygon.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Outline {
+    points: [[f64; 2]; CAPACITY],
+    len: usize,
+}
+
+impl Outline {
+    /// The corners in order, pixels.
+    pub(crate) fn points(&self) -> &[[f64; 2]] {
+        &self.points[..self.len]
+    }
+}
+
+/// The polygon that keeps within [`TOLERANCE_PX`] of a closed contour, or within as much more as [`CAPACITY`] needs (Douglas and
+/// Peucker 1973). Its corners are points of the contour, in the contour's order, the first one among them.
+pub(crate) fn simplified(contour: &[Point]) -> Outline {
+    let mut outline = Outline { points: [[0.0; 2]; CAPACITY], len: 0 };
+    let mut tolerance = TOLERANCE_PX;
+    while !simplify_within(contour, tolerance, &mut outline) {
+        tolerance *= 1.5;
+    }
+    outline
+}
+
+/// Whether the polygon had room.
+fn simplify_within(contour: &[Point], tolerance: f32, outline: &mut Outline) -> bool {
+    outline.len = 0;
+    let n = contour.len();
+    // Ends of the stretches that are still to be looked at, nearest on top. A closed contour ends where it began.
+    let mut ends = [0; CAPACITY];
+    let mut depth = 1;
+    ends[0] = n;
+    let mut from = 0;
+    while depth > 0 {
+        let to = ends[depth - 1];
+        match farthest(contour, from, to).filter(|&(_, distance)| distance > tolerance) {
+            Some((middle, _)) if depth < CAPACITY => {
+                ends[depth] = middle;
+                depth += 1;
+            }
+            Some(_) => return false,
+            None => {
+                if outline.len == CAPACITY {
+                    return false;
+                }
+                let Point { x, y } = contour[from];
+                outline.points[outline.len] = [f64::from(x), f64::from(y)];
+                outline.len += 1;
+                from = to;
+                depth -= 1;
+            }
+        }
+    }
+    true
+}
+
+/// The point between two of the contour that is farthest from the line between them, and how far.
+fn farthest(contour: &[Point], from: usize, to: usize) -> Option<(usize, f32)> {
+    let at = |i: usize| {
+        let Point { x, y } = contour[i % contour.len()];
+        [f32::from(x), f32::from(y)]
+    };
+    let (a, b) = (at(from), at(to));
+    let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
+    let length = dx.hypot(dy);
+    let distance = |i: usize| {
+        let p = at(i);
+        let (px, py) = (p[0] - a[0], p[1] - a[1]);
+        if length > 0.0 { (px * dy - py * dx).abs() / length } else { px.hypot(py) }
+    };
+    (from + 1..to).map(|i| (i, distance(i))).max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(side: u16) -> Vec<Point> {
+        let along = 0..side;
+        let mut points: Vec<Point> = along.clone().map(|i| Point { x: i, y: 0 }).collect();
+        points.extend(along.clone().map(|i| Point { x: side, y: i }));
+        points.extend(along.clone().map(|i| Point { x: side - i, y: side }));
+        points.extend(along.map(|i| Point { x: 0, y: side - i }));
+        points
+    }
+
+    #[test]
+    fn a_square_has_four_corners() {
+        assert_eq!(simplified(&square(20)).points(), [[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]]);
+    }
+
+    #[test]
+    fn one_point_is_its_own_outline() {
+        assert_eq!(simplified(&[Point { x: 3, y: 4 }]).points(), [[3.0, 4.0]]);
+    }
+
+    #[test]
+    fn a_comb_of_a_thousand_teeth_still_fits() {
+        let comb: Vec<Point> = (0..4000).map(|i| Point { x: i / 2, y: 300 + 40 * u16::from(i % 4 > 1) }).collect();
+        let outline = simplified(&comb);
+        assert!((1..=CAPACITY).contains(&outline.points().len()));
+    }
+}

@@ -1,0 +1,259 @@
+//! One frame in, one scene out: the chain of the paper from picture to forecast.
+//!
+//! The pipeline holds all memory it needs, allocates nothing for a frame in a raw format, looks at no clock, and gives the
+//! same scene for the same frames whatever its scratch memory held before.
+
+use imgproc::Size;
+use predict::{Heading, Observation, Track, Tracker};
+use scene::{ForecastPoint, Object};
+
+use crate::calibration::{Calibration, FloorPoint};
+use crate::detection::{Detection, Detector, MAX_DETECTIONS};
+use crate::frame::{DecodeError, Picture, decode};
+use crate::marker::Family;
+use crate::segmentation::{Learner, Segmenter};
+use crate::settings::Settings;
+use crate::source::Slot;
+
+/// Steps of a forecast come as near to this as whole frames can.
+const FORECAST_STEP_S: f64 = 1.0 / 15.0;
+
+/// Frames per second where a source does not say.
+const RATE_HZ: f64 = 30.0;
+
+/// Distance by which an object at rest may be found beside its forecast, in widths of the picture.
+const GATE_WIDTHS: f64 = 0.0125;
+
+/// Side of the square on the floor that bounds a position's usefulness: farther away is beyond the horizon's blur.
+const FLOOR_MAX_M: f64 = 1e6;
+
+/// Everything between a frame and its scene.
+#[derive(Debug)]
+pub struct Pipeline {
+    settings: Settings,
+    tracking: predict::Settings,
+    family: Family,
+    calibration: Option<Calibration>,
+    floor: Floor,
+    picture: Picture,
+    detector: Detector,
+    observations: Vec<Observation>,
+    seen: Vec<usize>,
+    /// Size of each track when it was seen last, in the order of the tracks.
+    sizes: Vec<(u64, f64)>,
+    tracker: Box<Tracker>,
+}
+
+/// What is known of the empty floor.
+#[derive(Debug)]
+enum Floor {
+    /// Frames are being collected.
+    Learning(Learner),
+    /// Learned with the last frame; it counts from the next one on.
+    Learned(Picture),
+    /// In use.
+    Known(Box<Segmenter>),
+}
+
+/// What became of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// It was used to learn the empty floor; the slot's scene is untouched.
+    Learning,
+    /// The slot's scene is what the frame shows.
+    Scene,
+}
+
+impl Pipeline {
+    /// A pipeline for frames of one size. `rate_hz` is the rate of the frames, where it is known.
+    #[must_use]
+    pub fn new(
+        size: Size,
+        rate_hz: Option<f64>,
+        settings: Settings,
+        family: Family,
+        calibration: Option<Calibration>,
+    ) -> Self {
+        let tracking = tracking(size, rate_hz.unwrap_or(RATE_HZ), &settings, calibration.as_ref());
+        Self {
+            tracking,
+            family,
+            calibration,
+            floor: Floor::Learning(Learner::new(size, settings.learn)),
+            picture: Picture::new(size),
+            detector: Detector::new(size),
+            observations: Vec::with_capacity(MAX_DETECTIONS),
+            seen: Vec::with_capacity(MAX_DETECTIONS),
+            sizes: Vec::with_capacity(2 * MAX_DETECTIONS),
+            tracker: Box::new(Tracker::new()),
+            settings,
+        }
+    }
+
+    /// Processes the slot's frame. A background in the slot replaces the one in use; one that was learned is put into the slot
+    /// of the first frame that it is used for.
+    ///
+    /// # Errors
+    ///
+    /// [`DecodeError`] when the frame's bytes are no picture; the tracks are left as they were.
+    ///
+    /// # Panics
+    ///
+    /// When the background has another size than the frames.
+    pub fn process(&mut self, slot: &mut Slot) -> Result<Outcome, DecodeError> {
+        decode(&slot.frame, &mut self.picture)?;
+        if let Some(background) = &slot.background {
+            match &mut self.floor {
+                Floor::Known(segmenter) => segmenter.set_floor(background),
+                floor => *floor = Floor::Known(Box::new(Segmenter::new(background))),
+            }
+        } else if let Floor::Learned(background) = &self.floor {
+            slot.background = Some(background.clone());
+            self.floor = Floor::Known(Box::new(Segmenter::new(background)));
+        }
+        let segmenter = match &mut self.floor {
+            Floor::Known(segmenter) => segmenter,
+            floor => {
+                if let Floor::Learning(learner) = floor
+                    && let Some(background) = learner.add(&self.picture)
+                {
+                    *floor = Floor::Learned(background);
+                }
+                return Ok(Outcome::Learning);
+            }
+        };
+
+        let mask = segmenter.segment(&self.picture, &self.settings.difference(), self.settings.threshold);
+        let (detections, overflow) = self.detector.detect(
+            mask,
+            &self.picture,
+            &self.family,
+            self.settings.area_min as usize,
+            &self.settings.recognition(),
+        );
+        let calibration = self.calibration.as_ref();
+        self.observations.clear();
+        self.seen.clear();
+        for (index, detection) in detections.iter().enumerate() {
+            if let Some(observation) = observe(detection, calibration) {
+                self.observations.push(observation);
+                self.seen.push(index);
+            }
+        }
+        let update = self.tracker.update(slot.frame.stamp_ns, &self.observations, &self.tracking);
+
+        let scene = &mut *slot.scene;
+        scene.sequence = slot.frame.sequence;
+        scene.stamp_ns = slot.frame.stamp_ns;
+        scene.published_ns = 0;
+        scene.frame = if calibration.is_some() { scene::FRAME_FLOOR } else { scene::FRAME_IMAGE };
+        scene.n_overflow = overflow + update.overflow as u32;
+        scene.n_objects = 0;
+        for (object, track) in scene.objects.iter_mut().zip(self.tracker.tracks()) {
+            let detection = track.observed().map(|i| &detections[self.seen[i]]);
+            *object = report(track, detection, &self.family, calibration);
+            if detection.is_none() {
+                let last = self.sizes.iter().find(|(id, _)| *id == track.id());
+                object.size = last.map_or(0.0, |(_, size)| *size);
+            }
+            scene.n_objects += 1;
+        }
+        scene.objects[scene.n_objects as usize..].fill(Object::EMPTY);
+        self.sizes.clear();
+        self.sizes.extend(scene.objects().iter().map(|object| (object.track, object.size)));
+        Ok(Outcome::Scene)
+    }
+}
+
+/// Settings of the tracker, in the unit of the scene.
+fn tracking(size: Size, rate_hz: f64, settings: &Settings, calibration: Option<&Calibration>) -> predict::Settings {
+    let width = size.width as f64;
+    let frames_per_step = (FORECAST_STEP_S * rate_hz).round().max(1.0);
+    let in_pixels = predict::Settings {
+        forecast_step_s: frames_per_step / rate_hz,
+        top_speed: settings.top_speed * width,
+        gate_base: GATE_WIDTHS * width,
+        marker_offset: GATE_WIDTHS * width,
+        max_misses: settings.misses_max,
+        confirm: settings.confirm,
+    };
+    let middle = [(width - 1.0) / 2.0, (size.height as f64 - 1.0) / 2.0];
+    match calibration.and_then(|c| c.to_floor(middle)) {
+        Some(floor) => in_pixels.scaled(floor.metres_per_px()),
+        None => in_pixels,
+    }
+}
+
+/// A detection as the tracker takes it; `None` where it is not on the floor.
+fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<Observation> {
+    let variance = detection.variance_px2;
+    let marker = detection.marker.map(|marker| marker.marker as u32);
+    let heading = detection.marker.map(|marker| Heading {
+        rad: f64::from(marker.heading_rad),
+        variance: f64::from(marker.heading_sigma_rad).powi(2),
+    });
+    let Some(calibration) = calibration else {
+        let [x, y] = detection.centre;
+        return Some(Observation { x, y, covariance: [[variance, 0.0], [0.0, variance]], heading, marker });
+    };
+    let floor = on_floor(calibration, detection.centre)?;
+    let heading = heading.map(|heading| {
+        let (rad, growth) = floor.heading(heading.rad);
+        Heading { rad, variance: heading.variance * growth * growth }
+    });
+    let [x, y] = floor.at;
+    Some(Observation { x, y, covariance: floor.covariance(variance), heading, marker })
+}
+
+fn on_floor(calibration: &Calibration, pixel: [f64; 2]) -> Option<FloorPoint> {
+    calibration.to_floor(pixel).filter(|floor| floor.at.iter().all(|c| c.abs() < FLOOR_MAX_M))
+}
+
+/// A track as a subscriber reads it.
+fn report(track: &Track, detection: Option<&Detection>, family: &Family, calibration: Option<&Calibration>) -> Object {
+    let mut object = Object::EMPTY;
+    object.track = track.id();
+    [object.x, object.y] = track.position();
+    [object.vx, object.vy] = track.velocity();
+    if let Some(marker) = track.marker() {
+        object.kind = scene::KIND_MARKER;
+        let name = family.name(marker as usize).as_bytes();
+        object.marker[..name.len()].copy_from_slice(name);
+    }
+    // A robot whose marker was not read is where its forecast says, not where its blob is.
+    if track.pose_observed() {
+        object.flags |= scene::OBSERVED;
+    }
+    let [[xx, xy], [yx, yy]] = track.covariance();
+    object.covariance = [[xx, xy, 0.0], [yx, yy, 0.0], [0.0; 3]];
+    if let Some(heading) = track.heading() {
+        object.flags |= scene::HAS_HEADING;
+        object.heading_rad = heading.rad;
+        object.covariance[2][2] = heading.variance;
+    }
+    if let Some(detection) = detection {
+        let metres = |c: &Calibration| on_floor(c, detection.centre).map_or(0.0, |floor| floor.metres_per_px());
+        object.size = detection.size_px * calibration.map_or(1.0, metres);
+        outline(detection, calibration, &mut object);
+    }
+    for (point, forecast) in object.forecast.iter_mut().zip(track.forecast()) {
+        let predict::ForecastPoint { dt_s, x, y, covariance } = *forecast;
+        *point = ForecastPoint { dt_s, x, y, covariance };
+        object.n_forecast += 1;
+    }
+    object
+}
+
+/// Copies the outline, onto the floor where there is a calibration; corners beyond the horizon are left out.
+fn outline(detection: &Detection, calibration: Option<&Calibration>, object: &mut Object) {
+    for &pixel in detection.outline.points() {
+        let at = match calibration {
+            Some(calibration) => on_floor(calibration, pixel).map(|floor| floor.at),
+            None => Some(pixel),
+        };
+        if let Some(at) = at {
+            object.outline[object.n_outline as usize] = at;
+            object.n_outline += 1;
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! What a marker looks like to the camera: measured on rendered plates.
+//!
+//! A reference is what the recogniser itself measures on a picture of the drawing. Each marker is rendered on its plate at
+//! several sizes, blurs and turns, rounded to 8 bits, and goes through the code that live frames go through; a reference is the
+//! mean over the turns. What pixels and lens do to small markers, rounding off corners above all, is thus part of the
+//! reference and not an error. The drawing itself is compared with only where nothing has been lost.
+
+use fourier::contour::resample;
+use fourier::descriptor::{Descriptor, NoDescriptor, describe};
+use fourier::matching::distances;
+use fourier::{Complex32, N, wrapped};
+use imgproc::Size;
+
+use crate::cutout::{Cutout, CutoutScratch, find_figures};
+use crate::drawing::Drawing;
+use crate::raster::{Vertex, blur, fill_polygon};
+
+/// Sides of the rendered plates, in pixels. A figure is compared with the references of the nearest size.
+pub(crate) const PLATES_PX: [f32; 7] = [12.0, 16.0, 24.0, 32.0, 48.0, 72.0, 108.0];
+
+/// Blurs of the rendered plates, standard deviation in pixels: a sharp lens, a good one, two that are out of focus.
+pub(crate) const BLURS_PX: [f32; 4] = [0.3, 0.6, 1.0, 1.5];
+
+/// Turns at which a plate is rendered. Not a divisor of a quarter turn, so that no two see the pixel grid alike.
+const TURNS: usize = 9;
+
+/// Elongation below which a contour has no orientation at all; markers must show theirs much better.
+pub(crate) const ORIENTATION_MIN: f32 = 0.05;
+
+/// What a marker looks like on plates of one size and blur, upright.
+#[derive(Debug, Clone)]
+pub(crate) struct Reference {
+    pub(crate) descriptor: Descriptor,
+    /// Side of the plate over the descriptor's size.
+    pub(crate) plate_per_size: f32,
+    /// From the figure's centre of area to the plate's centre, in units of the descriptor's size.
+    pub(crate) centre_from_figure: [f32; 2],
+    /// Area of the plate over the figure's.
+    pub(crate) plate_area_per_figure: f32,
+}
+
+/// Why a rendered plate gives no reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum NoReference {
+    /// The recogniser finds no dark figure on it.
+    Unseen,
+    /// The figure shows no orientation; its elongation.
+    Orientation(f32),
+}
+
+impl Reference {
+    /// Mean over all turns of what is measured on a rendered plate.
+    pub(crate) fn learn(drawing: &Drawing, plate_px: f32, blur_px: f32) -> Result<Self, NoReference> {
+        let upright = measure(drawing, plate_px, blur_px, 0.0)?;
+        let mut coefficients = [Complex32::default(); N];
+        let (mut size_px, mut orientation, mut area, mut plate_area) = (0.0, 0.0, 0.0, 0.0);
+        let mut centre = [0.0; 2];
+        for i in 0..TURNS {
+            let turn = std::f32::consts::TAU * i as f32 / TURNS as f32;
+            let seen = measure(drawing, plate_px, blur_px, turn)?;
+            let [same, half_turn] = distances(&seen.descriptor, &upright.descriptor);
+            let sign = if half_turn < same { -1.0 } else { 1.0 };
+            for (k, (mean, c)) in coefficients
+                .iter_mut()
+                .zip(seen.descriptor.coefficients)
+                .enumerate()
+            {
+                *mean += c * if k % 2 == 0 { sign } else { 1.0 };
+            }
+            // Relative to the first one, and up to half turns, so that the mean is one of neighbouring angles.
+            let relative =
+                seen.descriptor.orientation_rad - turn - upright.descriptor.orientation_rad;
+            orientation += nearest_half_turn(relative);
+            size_px += seen.descriptor.size_px;
+            area += seen.figure_area;
+            plate_area += seen.plate_area;
+            let (sin, cos) = turn.sin_cos();
+            let [x, y] = seen.centre_from_figure;
+            centre[0] += cos * x + sin * y;
+            centre[1] += cos * y - sin * x;
+        }
+        let n = TURNS as f32;
+        let size = size_px / n;
+        let descriptor = Descriptor {
+            coefficients: coefficients.map(|c| c / n),
+            size_px: size,
+            orientation_rad: upright.descriptor.orientation_rad + orientation / n,
+            ..upright.descriptor
+        };
+        Ok(Self {
+            descriptor,
+            plate_per_size: plate_px / size,
+            centre_from_figure: centre.map(|c| c / n / size),
+            plate_area_per_figure: plate_area / area,
+        })
+    }
+}
+
+/// An angle brought to within a quarter turn of zero by adding half turns.
+fn nearest_half_turn(angle_rad: f32) -> f32 {
+    wrapped(2.0 * angle_rad) / 2.0
+}
+
+/// What is measured on one rendered plate.
+struct Measured {
+    descriptor: Descriptor,
+    figure_area: f32,
+    plate_area: f32,
+    centre_from_figure: [f32; 2],
+}
+
+/// Renders a plate and measures it as a live frame is measured.
+fn measure(drawing: &Drawing, plate_px: f32, blur_px: f32, turn_rad: f32) -> Result<Measured, NoReference> {
+    let side = (plate_px * 1.5) as usize + 8;
+    let size = Size {
+        width: side,
+        height: side,
+    };
+    // Off the middle of a pixel by a different amount for each turn.
+    let centre = [
+        side as f32 / 2.0 + 0.3 * turn_rad.cos(),
+        side as f32 / 2.0 + 0.3 * turn_rad.sin(),
+    ];
+    let place = Placement { centre, turn_rad, plate_px };
+    let grey = render(drawing, size, place, blur_px);
+    let cutout = Cutout {
+        size,
+        grey: &grey,
+        mask: &vec![1; size.area()],
+    };
+    let mut measured = Err(NoReference::Unseen);
+    find_figures(cutout, &mut CutoutScratch::new(size), |figure| {
+        measured = match describe(&resample(figure.contour), ORIENTATION_MIN) {
+            Ok(descriptor) => Ok(Measured {
+                descriptor,
+                figure_area: figure.region.area,
+                plate_area: figure.plate_area_px2 as f32,
+                centre_from_figure: [
+                    centre[0] - figure.region.centre[0],
+                    centre[1] - figure.region.centre[1],
+                ],
+            }),
+            Err(NoDescriptor::NoOrientation { elongation }) => {
+                Err(NoReference::Orientation(elongation))
+            }
+            Err(NoDescriptor::NoExtent) => Err(NoReference::Unseen),
+        };
+    });
+    measured
+}
+
+/// Where a plate is in a picture.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placement {
+    pub(crate) centre: [f32; 2],
+    pub(crate) turn_rad: f32,
+    pub(crate) plate_px: f32,
+}
+
+/// Draws a plate with its marker on a grey floor.
+pub(crate) fn render(drawing: &Drawing, size: Size, place: Placement, blur_px: f32) -> Vec<u8> {
+    const FLOOR: f32 = 110.0;
+    const PAPER: f32 = 225.0;
+    const INK: f32 = 35.0;
+    let mut plane = vec![FLOOR; size.area()];
+    let mut scratch = vec![0.0; size.area()];
+    for (outline, level) in [(&PLATE[..], PAPER), (&drawing.outline[..], INK)] {
+        let polygon = placed(outline, place.centre, place.turn_rad, place.plate_px);
+        fill_polygon(&polygon, size, &mut scratch);
+        for (pixel, share) in plane.iter_mut().zip(&scratch) {
+            *pixel += share * (level - *pixel);
+        }
+    }
+    blur(&mut plane, size, blur_px, &mut scratch);
+    plane.iter().map(|v| v.round() as u8).collect()
+}
+
+/// The plate's outline, in units of its side.
+pub(crate) const PLATE: [Vertex; 4] = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
+
+/// A drawing's outline turned, scaled and moved into a picture.
+pub(crate) fn placed(
+    outline: &[Vertex],
+    centre: [f32; 2],
+    turn_rad: f32,
+    scale: f32,
+) -> Vec<Vertex> {
+    let (sin, cos) = turn_rad.sin_cos();
+    let place = |&[x, y]: &Vertex| {
+        [
+            centre[0] + scale * (cos * x - sin * y),
+            centre[1] + scale * (sin * x + cos * y),
+        ]
+    };
+    outline.iter().map(place).collect()
+}
+

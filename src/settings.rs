@@ -1,0 +1,77 @@
+//! Everything that decides what is found, apart from markers, calibration and background.
+//!
+//! A recording carries these settings as TOML, and a replay uses them.
+
+use imgproc::difference::DifferenceSettings;
+use serde::{Deserialize, Serialize};
+
+use crate::marker::{DISTANCE_MAX, RecognitionSettings};
+
+/// Settings of the pipeline. Lengths are pixels of the image.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Frames from which the empty floor is learned when no picture of it is given.
+    pub learn: u32,
+    /// Least sum of the differences in a 3x3 window: the difference of one pixel is 0 to 255.
+    pub threshold: u16,
+    /// A pixel this much darker than the floor may be shadow: share of the floor's lightness, 0 to 1.
+    pub shadow: f32,
+    /// A pixel this much brighter than the floor may be floor: share of the floor's lightness, 0 to 1.
+    pub glare: f32,
+    /// Differences in lightness that are noise, in grey levels.
+    pub noise: u8,
+    /// Smallest shape that counts, in square pixels.
+    pub area_min: u32,
+    /// Smallest plate of a marker.
+    pub plate_min: f32,
+    /// Largest plate of a marker.
+    pub plate_max: f32,
+    /// Greatest distance of a descriptor from its reference: mean square distance of the contours' points in units of their size.
+    pub marker_distance_max: f32,
+    /// Least share of a plate's pattern that must be light or dark as drawn.
+    pub marker_pattern_min: f32,
+    /// Speed of the fastest object, in widths of the picture a second.
+    pub top_speed: f64,
+    /// Frames for which a missing object is replaced by its forecast.
+    pub misses_max: u32,
+    /// Sightings before an object is reported.
+    pub confirm: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            learn: 30,
+            threshold: 120,
+            shadow: 0.4,
+            glare: 0.1,
+            noise: 6,
+            area_min: 40,
+            plate_min: 10.0,
+            plate_max: 400.0,
+            marker_distance_max: DISTANCE_MAX,
+            marker_pattern_min: 0.92,
+            top_speed: 0.75,
+            misses_max: 8,
+            confirm: 1,
+        }
+    }
+}
+
+impl Settings {
+    /// The part that the background difference needs.
+    pub(crate) fn difference(&self) -> DifferenceSettings {
+        DifferenceSettings { shadow: self.shadow, glare: self.glare, noise: self.noise }
+    }
+
+    /// The part that recognition needs.
+    pub(crate) fn recognition(&self) -> RecognitionSettings {
+        RecognitionSettings {
+            distance_max: self.marker_distance_max,
+            plate_min_px: self.plate_min,
+            plate_max_px: self.plate_max,
+            pattern_min: self.marker_pattern_min,
+        }
+    }
+}
