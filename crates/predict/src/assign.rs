@@ -1,20 +1,20 @@
 //! Which observation belongs to which track: greedy, nearest pair first, each track and each observation used once.
 //!
-//! Section 3.1.1 of the paper gives every track the observation nearest to its expected place, so that two tracks may share
-//! one where objects cross; that costs tens of times more identity switches than exclusive assignment, while the optimal
-//! (Hungarian) assignment is hardly better than the greedy one. The result is that of sorting all admissible pairs by
-//! distance and taking each whose track and observation are still free; no list of pairs is needed, because only a track that
-//! loses its nearest observation to another has to look again.
+//! Section 3.1.1 of the paper gives every track the observation nearest to its expected place, so that two tracks
+//! may share one where objects cross; that costs tens of times more identity switches than exclusive assignment,
+//! while the optimal (Hungarian) assignment is hardly better than the greedy one. The result is that of sorting all
+//! admissible pairs by distance and taking each whose track and observation are still free; no list of pairs is
+//! needed, because only a track that loses its nearest observation to another has to look again.
 //!
 //! Cost: tracks x observations distances, and once more the observations for every lost conflict.
 
 use crate::MAX_TRACKS;
 
-/// Adds to `observation_of` (one entry a track) the greedy pairs among the tracks without an observation and the observations not
-/// `taken`.
+/// Adds to `observation_of` (one entry a track) the greedy pairs among the tracks without an observation and the
+/// observations not `taken`.
 ///
-/// `distance(track, observation)` is `None` for a pair that must not be. Equal distances: the lower track, then the lower
-/// observation first.
+/// `distance(track, observation)` is `None` for a pair that must not be. Equal distances: the lower track, then the
+/// lower observation first.
 ///
 /// # Panics
 ///

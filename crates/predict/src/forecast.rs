@@ -1,22 +1,23 @@
 //! One track's forecast: three models, mixed by their scores, with a covariance for every step.
 //!
-//! The models are the line and the constant turn of `motion` and the network of `learner`. The line through the last five positions
-//! is the floor: it has all of a new track, and each of the others gets the share that `score` says it has earned on this
-//! track at this horizon. So the network's correction is neither trusted at the start, when it knows nothing, nor later on a path that does not
-//! repeat.
+//! The models are the line and the constant turn of `motion` and the network of `learner`. The line through the
+//! last five positions is the floor: it has all of a new track, and each of the others gets the share that `score`
+//! says it has earned on this track at this horizon. So the network is trusted neither at the start, when it knows
+//! nothing, nor later on a path that never repeats.
 //!
 //! # Differences from the paper
 //!
-//! Section 3.1.2 lets the network alone forecast, from its first training on. Evidence from real tracks: it then loses to
-//! the line by far, on straight motion most of all.
+//! Section 3.1.2 lets the network alone forecast, from its first training on. Without a line beside it, a network
+//! loses to the line by far, on straight motion most of all.
 
 use libm::sqrt;
 
+use crate::covariance::{Covariance, trace};
 use crate::history::{History, Sample};
 use crate::learner::{Learner, direction};
 use crate::motion::{Line, Turn, add, norm_squared, scale, sub};
 use crate::observation::Settings;
-use crate::score::{Covariance, Paths, Scores};
+use crate::score::{Paths, Scores};
 use crate::{MAX_FORECAST, MAX_GAP_STEPS};
 
 /// Forecasts made from fewer samples are not scored: they say more about the start than about a model.
@@ -29,6 +30,9 @@ const EQUAL_PART_OF_STEP: f64 = 1e-3;
 const EQUAL_PART_OF_NOISE: f64 = 0.02;
 /// The same where neither motion nor noise gives a scale, in units.
 const EQUAL_ERROR: f64 = 1e-12;
+/// What moves is able to stop, or to turn as hard, within about this time. As long as nothing else is known of an
+/// object, the standard deviation of its acceleration, on each axis, is its speed divided by this.
+const STOPPING_TIME_S: f64 = 1.0;
 
 /// What learns about one track: network and score book.
 #[derive(Debug, Clone, Copy)]
@@ -82,7 +86,7 @@ impl Forecaster {
         let direction = direction(velocity);
         let paths = self.paths(samples, &line, settings);
         let speed = sqrt(norm_squared(velocity));
-        let noise = sqrt(0.5 * (covariance[0][0] + covariance[1][1]));
+        let noise = sqrt(0.5 * trace(covariance));
         let least_error =
             EQUAL_PART_OF_STEP * speed * step_s + EQUAL_PART_OF_NOISE * noise + EQUAL_ERROR;
         let shares = self.scores.shares(least_error);
@@ -94,7 +98,7 @@ impl Forecaster {
             }
         }
         let step_covariances = self.scores.covariances(direction, |step| {
-            noise_ahead(covariance, &line, (step as f64 + 1.0) * step_s, settings)
+            expected_covariance(covariance, &line, (step as f64 + 1.0) * step_s, settings)
         });
         if samples.len() >= MIN_SCORED_SAMPLES {
             self.scores
@@ -118,7 +122,7 @@ impl Forecaster {
     }
 
     /// Every model's places, none faster than the speed limit.
-    fn paths(&mut self, samples: &[Sample], line: &Line, settings: &Settings) -> Paths {
+    fn paths(&self, samples: &[Sample], line: &Line, settings: &Settings) -> Paths {
         let step_s = settings.forecast_step_s;
         let origin = samples[samples.len() - 1].position;
         let turn = Turn::fit(samples, step_s);
@@ -147,8 +151,8 @@ impl Forecast {
         velocity: [0.0; 2],
     };
 
-    /// Place and covariance `ahead_s` seconds after the newest sample: linear between the steps, straight on after the last,
-    /// where the standard deviations grow with time, and no further than the longest gap.
+    /// Place and covariance `ahead_s` seconds after the newest sample: linear between the steps, straight on after
+    /// the last, where the standard deviations grow with time, and no further than the longest gap.
     pub(crate) fn at(&self, ahead_s: f64) -> ([f64; 2], Covariance) {
         let steps = (ahead_s / self.step_s).min(MAX_GAP_STEPS);
         let upper = (steps as usize + 1).min(MAX_FORECAST);
@@ -168,28 +172,34 @@ impl Forecast {
     }
 }
 
-/// Covariance of a measurement `ahead_s` after the newest sample, from observation noise alone: that of the line fit and the measurement's
-/// own. Without a velocity, the object may go anywhere within its top speed.
-fn noise_ahead(
+/// Covariance of a measurement `ahead_s` after the newest sample before any error is known: observation noise as
+/// the line fit carries it forward, the measurement's own, and what the object may do of its own will. Without a
+/// velocity it may go anywhere within its top speed.
+fn expected_covariance(
     observation: &Covariance,
     line: &Line,
     ahead_s: f64,
     settings: &Settings,
 ) -> Covariance {
-    if line.has_velocity() {
-        let gain = 1.0 + line.noise_gain(ahead_s);
-        return observation.map(|row| scale(row, gain));
-    }
-    let deviation = 0.5 * settings.top_speed * ahead_s;
-    let mut covariance = observation.map(|row| scale(row, 2.0));
-    covariance[0][0] += deviation * deviation;
-    covariance[1][1] += deviation * deviation;
+    let (noise_gain, will) = if line.has_velocity() {
+        let speed = sqrt(norm_squared(line.velocity)).min(settings.speed_limit());
+        let acceleration = speed / STOPPING_TIME_S;
+        (
+            line.noise_gain(ahead_s),
+            0.5 * acceleration * ahead_s * ahead_s,
+        )
+    } else {
+        (1.0, 0.5 * settings.top_speed * ahead_s)
+    };
+    let mut covariance = observation.map(|row| scale(row, 1.0 + noise_gain));
+    covariance[0][0] += will * will;
+    covariance[1][1] += will * will;
     covariance
 }
 
 /// The vector, shortened to the length `most`; zero if it is not finite.
 fn limited(vector: [f64; 2], most: f64) -> [f64; 2] {
-    let length = libm::hypot(vector[0], vector[1]);
+    let length = sqrt(norm_squared(vector));
     if !length.is_finite() {
         [0.0; 2]
     } else if length > most {

@@ -38,9 +38,9 @@ impl HeadingTrack {
 
     /// Adds a measurement not older than the newest one.
     ///
-    /// Of the angles that differ by whole turns, the one nearest to the forecast is taken. No robot is taken to turn by more than half a turn a
-    /// frame, since the camera could not tell; after more than `longest_gap_s` without a measurement the past is forgotten, since whole
-    /// turns cannot be counted over it.
+    /// Of the angles that differ by whole turns, the one nearest to the forecast is taken. No robot is taken to
+    /// turn by more than half a turn a frame, since the camera could not tell; after more than `longest_gap_s`
+    /// without a measurement the past is forgotten, since whole turns cannot be counted over it.
     pub(crate) fn observe(
         &mut self,
         time_ns: u64,

@@ -47,8 +47,9 @@ impl History {
 
     /// Adds a sample not older than the newest one and says whether the history grew by it.
     ///
-    /// Only the newest two samples may be closer together than `least_spacing_ns`, and none are at the same time: a burst of frames, or a time
-    /// stamp given twice, replaces the newest sample instead of filling the history with moments too close for a slope.
+    /// Only the newest two samples may be closer together than `least_spacing_ns`, and none are at the same time: a
+    /// burst of frames, or a time stamp given twice, replaces the newest sample instead of filling the history with
+    /// moments too close for a slope.
     pub(crate) fn push(&mut self, sample: Sample, least_spacing_ns: u64) -> bool {
         if let [.., before, newest] = self.samples()
             && newest.time_ns - before.time_ns < least_spacing_ns

@@ -1,9 +1,10 @@
-//! The learned forecast: a straight line, corrected at every step by a neural network that is trained on the track itself.
+//! The learned forecast: a straight line, corrected at every step by a neural network that is trained on the track
+//! itself.
 //!
-//! The network sees the velocities over the object's last steps and answers by how much, as a velocity, the next place lies beside the line
-//! through the last five (section 3.1.2 has positions in and the next position out). All of it is expressed in a frame that moves with the
-//! object: along and across its direction, in units of its running speed. What was learned in one corner of the floor
-//! then holds in every other, and an untrained network is the line.
+//! The network sees the velocities over the object's last steps and answers by how much, as a velocity, the next place
+//! lies beside the line through the last five (section 3.1.2 has positions in and the next position out). All of it is
+//! expressed in a frame that moves with the object: along and across its direction, in units of its running speed. What
+//! was learned in one corner of the floor then holds in every other, and an untrained network is the line.
 //!
 //! * Inputs grow as the paper asks: one step of the past for every two steps known, up to six.
 //! * Training: with each new sample, one pass of backpropagation over the last twelve steps.
@@ -95,7 +96,7 @@ impl Learner {
                 *place = add(*place, scale(frame.velocity(correction), step_s));
             }
             let reached = Sample {
-                time_ns: newest.time_ns + step_ns,
+                time_ns: newest.time_ns.saturating_add(step_ns),
                 position: *place,
             };
             if len == WINDOW {
@@ -109,7 +110,8 @@ impl Learner {
     }
 }
 
-/// Past steps shown to the network when so many samples are known: few at first, so that there are several examples of each.
+/// Past steps shown to the network when so many samples are known: few at first, so that there are several examples of
+/// each.
 fn n_lags(n_samples: usize) -> usize {
     (n_samples.saturating_sub(1) / 2).clamp(1, LAGS)
 }

@@ -1,23 +1,26 @@
-//! The classical forecasts: a straight line and a constant turn, fitted to an object's last samples by least squares.
+//! The classical forecasts: a straight line and a constant turn, fitted to an object's last samples by least
+//! squares.
 //!
-//! Both are fitted in seconds and units relative to the newest sample, so that uneven frames and far-away origins do not matter.
-//! The line through the last five positions is the forecast that any other has to beat; the turn takes over where the path is an
-//! arc.
+//! Both are fitted in seconds and units relative to the newest sample, so that uneven frames and far-away origins
+//! do not matter. The line through the last five positions is the forecast that any other has to beat; the turn
+//! takes over where the path is an arc.
 //!
 //! # The turn
 //!
 //! An object that moves at constant speed and turns at the constant rate w is at
 //!
 //! ```text
-//! p(t) = p0 + v * g(t),   g(t) = (sin wt + i (1 - cos wt)) / w     (places as complex numbers, t = 0 at the newest sample)
+//! p(t) = p0 + v * g(t),   g(t) = (sin wt + i (1 - cos wt)) / w      (places as complex numbers, t = 0 newest)
 //! ```
 //!
-//! For a given w this is linear in p0 and v, so these two are eliminated (variable projection) and Gauss-Newton searches for w alone. The start
-//! comes from two chords: a chord of an arc is parallel to the tangent at the middle of its time, so the angle between the chords over the
-//! older and the newer samples, divided by the time between the middles, is w, exactly so without noise.
+//! For a given w this is linear in p0 and v, so these two are eliminated (variable projection) and Gauss-Newton
+//! searches for w alone. The start comes from two chords: a chord of an arc is parallel to the tangent at the
+//! middle of its time, so the angle between the chords over the older and the newer samples, divided by the time
+//! between the middles, is w, exactly so without noise.
 //!
-//! A turn rate found in noise bends a forecast badly. The rate is therefore scaled by 1 - var(w)/w², not below 0 (the positive-part
-//! James-Stein factor): a rate that stands out of its own uncertainty stays, another vanishes and leaves a line.
+//! A turn rate found in noise bends a forecast badly. The rate is therefore scaled by 1 - var(w)/w², not below 0
+//! (the positive-part James-Stein factor): a rate that stands out of its own uncertainty stays, another vanishes
+//! and leaves a line.
 
 use libm::{atan2, cos, sin};
 
@@ -138,22 +141,13 @@ impl Turn {
                 rate = (rate + slope.gradient / slope.information).clamp(-most, most);
             }
         }
-        let slope = RateSlope::of(samples, rate)?;
-        let freedom = (2 * samples.len() - 5) as f64;
-        let variance = slope.residual / freedom / slope.information;
-        let certainty = 1.0 - variance / (rate * rate);
-        let rate_rad_s = if certainty > 0.0 {
-            rate * certainty
-        } else {
-            0.0
-        };
+        let rate_rad_s = rate * RateSlope::of(samples, rate)?.certainty(samples.len(), rate);
         let (origin, velocity) = solve_linear(samples, rate_rad_s)?;
-        let turn = Self {
+        Some(Self {
             origin,
             velocity,
             rate_rad_s,
-        };
-        turn.at(0.0).iter().all(|c| c.is_finite()).then_some(turn)
+        })
     }
 
     /// Place `ahead_s` seconds after the newest sample.
@@ -226,6 +220,20 @@ impl RateSlope {
             gradient,
             information,
         })
+    }
+
+    /// Part of the rate that stands out of its uncertainty: 1 - var(w)/w², or nothing.
+    fn certainty(&self, n_samples: usize, rate: f64) -> f64 {
+        let freedom = (2 * n_samples).saturating_sub(5) as f64;
+        let variance = self.residual / freedom / self.information;
+        let certainty = 1.0 - variance / (rate * rate);
+        // Samples that do not determine the rate give no information, and the comparison fails for what is then no
+        // number.
+        if self.information > 0.0 && certainty > 0.0 {
+            certainty
+        } else {
+            0.0
+        }
     }
 }
 
@@ -390,11 +398,7 @@ mod tests {
     #[test]
     fn turn_of_a_jittering_line_is_nearly_a_line() {
         let samples = samples(8, |t| {
-            let jitter = if (t * 15.0) as u64 % 2 == 0 {
-                0.3
-            } else {
-                -0.3
-            };
+            let jitter = 0.3 * cos(core::f64::consts::PI * 15.0 * t);
             [50.0 * t, jitter]
         });
         let turn = Turn::fit(&samples, STEP_S).expect("a fit");

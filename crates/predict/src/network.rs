@@ -1,8 +1,8 @@
 //! The neural network of section 3.1.2: one hidden layer of tanh units, trained by backpropagation.
 //!
-//! Plain numbers in, two numbers out; what they mean is the business of `learner`. Output weights start at zero, so an untrained network
-//! says (0, 0); hidden weights start from a fixed hash, the same for every track. Inputs may be zero for want of samples:
-//! a weight of a zero input is not trained, so the network grows with its inputs.
+//! Plain numbers in, two numbers out; what they mean is the business of `learner`. Output weights start at zero, so
+//! an untrained network says (0, 0); hidden weights start from a fixed hash, the same for every track. Inputs may
+//! be zero for want of samples: a weight of a zero input is not trained, so the network grows with its inputs.
 //!
 //! Cost of `forward` or `train`: about 2 or 6 times [`INPUTS`] x [`HIDDEN`] multiplications, and [`HIDDEN`] tanh.
 
@@ -127,13 +127,13 @@ impl Network {
         }
         let mut gradient = Self::ZERO;
         gradient.output_bias = error;
-        for unit in 0..HIDDEN {
+        for (unit, activation) in activations.iter().enumerate() {
             let mut back = 0.0;
             for (axis, component) in error.iter().enumerate() {
-                gradient.output_weights[axis][unit] = component * activations[unit];
+                gradient.output_weights[axis][unit] = component * activation;
                 back += component * self.output_weights[axis][unit];
             }
-            let slope = back * (1.0 - activations[unit] * activations[unit]);
+            let slope = back * (1.0 - activation * activation);
             gradient.hidden_bias[unit] = slope;
             for (weight, input) in gradient.hidden_weights[unit].iter_mut().zip(inputs) {
                 *weight = slope * input;
@@ -143,7 +143,8 @@ impl Network {
     }
 }
 
-/// The `index`-th start weight, evenly spread over ±1/√(INPUTS/4): Knuth's multiplicative hash with a final mix of the upper bits.
+/// The `index`-th start weight, evenly spread over ±1/√(INPUTS/4): Knuth's multiplicative hash with a final mix of
+/// the upper bits.
 const fn start_weight(index: usize) -> f32 {
     let mut hash = (index as u32 + 1).wrapping_mul(2_654_435_761);
     hash ^= hash >> 15;

@@ -1,6 +1,6 @@
 //! What the caller gives: observations of one frame and the settings.
 
-use libm::sqrt;
+use crate::covariance::semidefinite;
 
 /// A place further out than this is a fault of the caller's arithmetic, not a place on a floor, in any unit.
 const MAX_COORDINATE: f64 = 1e9;
@@ -39,8 +39,9 @@ pub struct Settings {
     pub top_speed: f64,
     /// Distance by which an object at rest may be found beside its forecast: noise and a change of shape, in units.
     pub gate_base: f64,
-    /// Standard deviation, in units and each axis, of the distance between a marker's centre and the centre of area of the whole object
-    /// that carries it. Says how far an observation without marker is trusted as the place of a marked robot.
+    /// Standard deviation, in units and each axis, of the distance between a marker's centre and the centre of area
+    /// of the whole object that carries it. Says how far an observation without marker is trusted as the place of a
+    /// marked robot.
     pub marker_offset: f64,
     /// Consecutive frames for which a missing observation is replaced by the forecast before the track is retired.
     pub max_misses: u32,
@@ -63,8 +64,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The same settings for observations in another unit: all lengths times `units_per_unit`, for example the metres of a
-    /// pixel on the floor.
+    /// The same settings for observations in another unit: all lengths times `units_per_unit`, for example the
+    /// metres of a pixel on the floor.
     #[must_use]
     pub fn scaled(self, units_per_unit: f64) -> Self {
         Self {
@@ -107,8 +108,8 @@ impl Settings {
 }
 
 impl Observation {
-    /// The observation with a symmetric, positive semidefinite covariance; `None` if a number in it is not finite, a variance
-    /// negative or a coordinate absurd.
+    /// The observation with a symmetric, positive semidefinite covariance; `None` if a number in it is not finite,
+    /// a variance negative or a coordinate absurd.
     pub(crate) fn checked(&self) -> Option<Self> {
         let [[xx, xy], [yx, yy]] = self.covariance;
         let place_ok = self.x.abs() <= MAX_COORDINATE && self.y.abs() <= MAX_COORDINATE;
@@ -120,10 +121,8 @@ impl Observation {
         if !(place_ok && variance_ok && covariance_ok && heading_ok) {
             return None;
         }
-        let bound = sqrt(xx * yy);
-        let off_diagonal = (0.5 * (xy + yx)).clamp(-bound, bound);
         Some(Self {
-            covariance: [[xx, off_diagonal], [off_diagonal, yy]],
+            covariance: semidefinite(&self.covariance),
             ..*self
         })
     }

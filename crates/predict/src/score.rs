@@ -1,25 +1,34 @@
-//! How well each model has forecast a track: earlier forecasts are kept, compared with what came, and turned into shares of the
-//! next forecast and into its covariance.
+//! How well each model has forecast a track: earlier forecasts are kept, compared with what came, and turned into
+//! shares of the next forecast and into its covariance.
 //!
 //! # Shares
 //!
-//! Each model has, for every number of steps ahead, a running mean of its error. The line is the reference; another model's share is that of
-//! its error ratio to the power -[`SHARPNESS`]: a model a fifth worse than the line counts for a fifth of it, one half as good hardly
-//! at all, one twice as good takes nearly all. As long as the means are right, the mixture of two models is never more than 4 % worse than
-//! the better one even if their errors all point the same way, and usually it is better than both.
+//! Each model has, for every number of steps ahead, a running mean of its error. The line is the reference; another
+//! model's share is that of its error ratio to the power -[`SHARPNESS`]: a model as good as the line gets somewhat
+//! less than the line, one a fifth worse hardly a tenth of it, one half as wrong nearly all. Three things keep a
+//! share honest:
 //!
-//! Far horizons are scored late and their errors overlap, so a ratio is drawn towards that of the step before it, and the first step's
-//! towards a handicap: a newcomer must prove itself, and what it proves at one step speaks for the next.
+//! * Far horizons are scored late and their errors overlap, so a ratio is drawn towards that of the step before it,
+//!   and the first step's towards a handicap: a newcomer must prove itself, and what it proves at one step speaks
+//!   for the next, less and less with every further one.
+//! * To be chosen by a small lead means to be chosen by luck half of the time, so every model but the line carries
+//!   a [`MARGIN`].
+//! * A mean remembers seconds, a bounce or a start happens in one frame, and the line is the first to recover
+//!   because it forgets in five samples. A model that lately misses by more than the line does loses its share at
+//!   once, whatever its mean.
 //!
 //! # Covariance
 //!
-//! The running mean of the squared errors of the mixture itself, in axes along and across the motion, drawn towards the
-//! step before it grown by the passing time; before any error is known, the observations' noise as a line fit carries it forward.
-//! It covers what the camera will measure, observation noise included.
+//! The running mean of the squared errors of the mixture itself, in axes along and across the motion, drawn towards
+//! that of the step before grown by the passing time; before any error is known, an estimate that the caller gives.
+//! It covers what the camera will measure, observation noise included. A rare event, like the one stop in a long
+//! run, weighs no more in it than it occurred: motion that changes abruptly leaves the ellipse more often than its
+//! 5 %.
 
 use libm::{exp, log, sqrt};
 
 use crate::MAX_FORECAST;
+use crate::covariance::{Covariance, rotated, trace};
 use crate::history::Sample;
 use crate::motion::{add, complex_mul, conjugate, norm_squared, scale, sub};
 
@@ -29,23 +38,29 @@ pub(crate) const MODELS: usize = 3;
 const MIXTURE: usize = MODELS;
 /// Forecasts kept: one for each step, and one to spare for frames that come early.
 const KEPT: usize = MAX_FORECAST + 1;
-/// Forecasts made closer together than this, in steps, are not kept, so that the kept ones reach [`MAX_FORECAST`] steps back.
+/// Forecasts made closer together than this, in steps, are not kept, so that the kept ones reach [`MAX_FORECAST`]
+/// steps back.
 const LEAST_SPACING_STEPS: f64 = 0.75;
 /// Memory of the running means, in samples.
-const MEMORY: f64 = 40.0;
+const MEMORY: f64 = 100.0;
+/// Memory of the latest errors, in samples.
+const RECENT_MEMORY: f64 = 2.0;
 /// Power of the error ratio in a model's share.
 const SHARPNESS: f64 = 8.0;
+/// Added to the logarithm of every model's ratio.
+const MARGIN: f64 = 0.1;
 /// Logarithm of the error ratio that an unproved model is taken to have.
 const HANDICAP: f64 = 0.25;
-/// Samples that the handicap, or the ratio of the step before, is worth: the first step's and the growth with each further one.
+/// Part of the way from its ratio back to the handicap that a model loses from each step to the next: what was
+/// proved at one step says little about the tenth after it.
+const FADING: f64 = 0.07;
+/// Samples that the handicap, or the ratio of the step before, is worth: the first step's and the growth with each
+/// further one.
 const PRIOR_SAMPLES: [f64; 2] = [3.0, 0.5];
 /// Largest logarithm of a ratio that one step's means may claim.
-const MAX_LOG_RATIO: f64 = 3.0;
+const MAX_LOG_RATIO: f64 = 6.0;
 /// Samples that the covariance expected beforehand is worth.
 const COVARIANCE_PRIOR_SAMPLES: f64 = 4.0;
-
-/// A symmetric 2x2 matrix.
-pub(crate) type Covariance = [[f64; 2]; 2];
 
 /// Places forecast by every model, step by step.
 pub(crate) type Paths = [[[f64; 2]; MODELS]; MAX_FORECAST];
@@ -76,6 +91,8 @@ pub(crate) struct Scores {
     issued: [Issued; KEPT],
     n_issued: usize,
     marks: [Marks; MAX_FORECAST],
+    /// Running mean of the latest errors one step ahead, in units.
+    recent_error: [f64; MODELS],
 }
 
 impl Scores {
@@ -92,6 +109,7 @@ impl Scores {
             mean_error: [0.0; MODELS],
             covariance: [[0.0; 2]; 2],
         }; MAX_FORECAST],
+        recent_error: [0.0; MODELS],
     };
 
     /// Forgets the forecasts that wait for comparison, not the marks.
@@ -142,22 +160,34 @@ impl Scores {
             }
             let came = sub(sample.position, issued.origin);
             let error = |model: usize| sub(came, issued.at(age_steps, model));
+            let errors = [0, 1, 2].map(|model| sqrt(norm_squared(error(model))));
+            if nearest == 1 {
+                for (recent, error) in self.recent_error.iter_mut().zip(errors) {
+                    *recent += (error - *recent) / RECENT_MEMORY;
+                }
+            }
             self.marks[nearest - 1].add(
-                [0, 1, 2].map(|model| sqrt(norm_squared(error(model)))),
+                errors,
                 complex_mul(error(MIXTURE), conjugate(issued.direction)),
             );
         }
     }
 
-    /// Share of every model in the forecast of each step; the shares of a step add to 1. `least_error` is the error a step below which models
-    /// are equally good.
+    /// Share of every model in the forecast of each step; the shares of a step add to 1. `least_error` is the error
+    /// a step below which models are equally good.
     pub(crate) fn shares(&self, least_error: f64) -> [[f64; MODELS]; MAX_FORECAST] {
         let mut shares = [[1.0, 0.0, 0.0]; MAX_FORECAST];
         let mut log_ratio = [0.0, HANDICAP, HANDICAP];
+        // Relative to the usual error, so that only misses that stand out of it count.
+        let usual_error = self.marks[0].mean_error[0] + least_error;
+        let surprise = self.recent_error.map(|recent| {
+            log((recent + usual_error) / (self.recent_error[0] + usual_error)).max(0.0)
+        });
         for (i, (shares, marks)) in shares.iter_mut().zip(&self.marks).enumerate() {
             let prior = PRIOR_SAMPLES[0] + PRIOR_SAMPLES[1] * i as f64;
             let mut sum = 1.0;
             for model in 1..MODELS {
+                log_ratio[model] += FADING * (HANDICAP - log_ratio[model]);
                 if marks.n > 0.0 {
                     let ratio = (marks.mean_error[model] + least_error)
                         / (marks.mean_error[0] + least_error);
@@ -165,7 +195,7 @@ impl Scores {
                     log_ratio[model] =
                         (marks.n * measured + prior * log_ratio[model]) / (marks.n + prior);
                 }
-                shares[model] = exp(-SHARPNESS * log_ratio[model]);
+                shares[model] = exp(-SHARPNESS * (log_ratio[model] + MARGIN + surprise[model]));
                 sum += shares[model];
             }
             *shares = shares.map(|share| share / sum);
@@ -173,8 +203,8 @@ impl Scores {
         shares
     }
 
-    /// Covariance of each step's error, for an object that moves along `direction`. `before_errors(step)` is the one expected, step 0 being the first, as long as no
-    /// error is known.
+    /// Covariance of each step's error, for an object that moves along `direction`. `before_errors` gives the one
+    /// expected as long as no error is known, for index 0, the first step, and on.
     pub(crate) fn covariances(
         &self,
         direction: [f64; 2],
@@ -185,9 +215,9 @@ impl Scores {
         for (i, (covariance, marks)) in covariances.iter_mut().zip(&self.marks).enumerate() {
             let mut expected = before_errors(i);
             if let Some(before) = learned {
-                // Errors of a mistaken acceleration grow with time^2, of a mistaken velocity with time: between the two.
+                // An error of the velocity grows with time.
                 let growth = (i as f64 + 1.0) / i as f64;
-                let grown = before.map(|row| scale(row, growth * growth * growth));
+                let grown = before.map(|row| scale(row, growth * growth));
                 if trace(&grown) > trace(&expected) {
                     expected = grown;
                 }
@@ -241,21 +271,6 @@ impl Marks {
 
 fn seconds_between(earlier_ns: u64, later_ns: u64) -> f64 {
     later_ns.saturating_sub(earlier_ns) as f64 / crate::NS_PER_S
-}
-
-fn trace(covariance: &Covariance) -> f64 {
-    covariance[0][0] + covariance[1][1]
-}
-
-/// The covariance given along and across `direction`, along x and y.
-fn rotated(covariance: &Covariance, direction: [f64; 2]) -> Covariance {
-    let [[along, both], [_, across]] = *covariance;
-    let [c, s] = direction;
-    let xy = c * s * (along - across) + (c * c - s * s) * both;
-    [
-        [c * c * along - 2.0 * c * s * both + s * s * across, xy],
-        [xy, s * s * along + 2.0 * c * s * both + c * c * across],
-    ]
 }
 
 #[cfg(test)]
@@ -313,16 +328,10 @@ mod tests {
         let scores = scored(400, [2.0, 5.0, 5.0]);
         let none = |_: usize| [[0.0; 2]; 2];
         for covariance in scores.covariances([0.0, 1.0], none) {
-            // Errors of 2 along the motion, which is y; the prior of nothing takes a little.
-            assert!((3.5..4.01).contains(&covariance[1][1]), "{covariance:?}");
+            // Errors of 2 along the motion, which is y; the growth expected from step to step adds a little.
+            assert!((3.8..4.5).contains(&covariance[1][1]), "{covariance:?}");
             assert!(covariance[0][0].abs() < 1e-12 && covariance[0][1].abs() < 1e-12);
         }
-    }
-
-    #[test]
-    fn rotation_by_a_right_angle_swaps_the_axes() {
-        let turned = rotated(&[[4.0, 1.0], [1.0, 9.0]], [0.0, 1.0]);
-        assert_eq!(turned, [[9.0, -1.0], [-1.0, 4.0]]);
     }
 
     #[test]

@@ -2,27 +2,28 @@
 //!
 //! # A marked robot whose marker could not be read
 //!
-//! A marked track is where the centre of the plate is. When its robot is seen without its marker being read, all there is is the centre
-//! of area of the whole robot, which lies elsewhere on the body by an unknown amount that turns with it. Taking it as the
-//! robot's place would make the track jump to and fro with every misread. So such a sighting keeps the track alive and moves it
-//! only as far as it is informative: it is weighed against the forecast with the observation's covariance plus
-//! [`Settings::marker_offset`]² (the update of a Kalman filter). Just after a reading the forecast is far better and stays; the longer the marker is
-//! not read, the more the track follows the sighting. The heading is forecast, [`Track::pose_observed`] is false, and nothing is
-//! learned from such a sighting.
+//! A marked track is where the centre of the plate is. When its robot is seen without its marker being read, all
+//! there is is the centre of area of the whole robot, which lies elsewhere on the body by an unknown amount that
+//! turns with it. Taking it as the robot's place would make the track jump to and fro with every misread. So such a
+//! sighting keeps the track alive and moves it only as far as it is informative: it is weighed against the forecast
+//! with the observation's covariance plus [`Settings::marker_offset`]² (the update of a Kalman filter). Just after
+//! a reading the forecast is far better and stays; the longer the marker is not read, the more the track follows
+//! the sighting. The heading is forecast, [`Track::pose_observed`] is false, and nothing is learned from such a
+//! sighting.
 //!
-//! When the marker has not been read for more than [`Settings::max_misses`] frames on end, the track gives it up and goes on under its number as
-//! a thing without marker: better an obstacle than a robot that may not be one. Where the measured point changes so from
-//! the plate to the outline, or the other way round because a marker is read on a track that had none, the
-//! samples are moved by the jump, which keeps the velocity.
+//! When the marker has not been read for more than [`Settings::max_misses`] frames on end, the track gives it up
+//! and goes on under its number as a thing without marker: better an obstacle than a robot that may not be one.
+//! Where the measured point changes so from the plate to the outline, or the other way round because a marker is
+//! read on a track that had none, the samples are moved by the jump, which keeps the velocity.
 
 use crate::MAX_FORECAST;
 use crate::NS_PER_S;
+use crate::covariance::{Covariance, semidefinite};
 use crate::forecast::{Forecast, Forecaster, LEAST_SPACING_STEPS};
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
 use crate::motion::{add, scale, sub};
 use crate::observation::{Heading, Observation, Settings};
-use crate::score::Covariance;
 
 /// An object with an identity.
 #[derive(Debug, Clone)]
@@ -75,21 +76,22 @@ impl Track {
         self.marker
     }
 
-    /// Index, in the slice given to [`Tracker::update`](crate::Tracker::update), of this frame's observation of the object; `None`
-    /// when it was not seen and everything here is forecast.
+    /// Index, in the slice given to [`Tracker::update`](crate::Tracker::update), of this frame's observation of the
+    /// object; `None` when it was not seen and everything here is forecast.
     #[must_use]
     pub fn observed(&self) -> Option<usize> {
         self.observed
     }
 
-    /// Whether position and heading are this frame's measurements. False when the object was not seen, and when a marked
-    /// one was seen without its marker being read.
+    /// Whether position and heading are this frame's measurements. False when the object was not seen, and when a
+    /// marked one was seen without its marker being read.
     #[must_use]
     pub fn pose_observed(&self) -> bool {
         self.pose_observed
     }
 
-    /// (x, y) in units: the measurement itself, without a filter's lag, if [`pose_observed`](Self::pose_observed), otherwise the estimate.
+    /// (x, y) in units: the measurement itself, without a filter's lag, if [`pose_observed`](Self::pose_observed),
+    /// otherwise the estimate.
     #[must_use]
     pub fn position(&self) -> [f64; 2] {
         self.position
@@ -131,7 +133,8 @@ impl Track {
         self.misses
     }
 
-    /// Where the object will be, one point each forecast step, counted from this frame's time stamp also when it was not seen.
+    /// Where the object will be, one point each forecast step, counted from this frame's time stamp also when it
+    /// was not seen.
     #[must_use]
     pub fn forecast(&self) -> &[ForecastPoint] {
         &self.points
@@ -289,7 +292,8 @@ impl Track {
 
     /// From this observation on, the position means another point of the body.
     fn measure_elsewhere(&mut self, observation: &Observation, now_ns: u64) {
-        let (expected, _) = self.expected(now_ns);
+        // Without the shift: it is not in the samples either.
+        let (expected, _) = self.ahead.at(self.unmeasured_s(now_ns));
         if self.history.samples().len() < 2 {
             self.history = History::EMPTY;
         } else {
@@ -315,14 +319,15 @@ impl Track {
     }
 
     /// Seconds since the last sample.
-    fn unmeasured_s(&self, now_ns: u64) -> f64 {
+    pub(crate) fn unmeasured_s(&self, now_ns: u64) -> f64 {
         self.history.newest().map_or(0.0, |newest| {
             now_ns.saturating_sub(newest.time_ns) as f64 / NS_PER_S
         })
     }
 }
 
-/// Kalman update of a place: the correction by `innovation`, and what covariance is left; `None` when neither side has any noise.
+/// Kalman update of a place: the correction by `innovation`, and what covariance is left; `None` when neither side
+/// has any noise.
 fn weigh(
     forecast: &Covariance,
     noise: &Covariance,
@@ -340,15 +345,14 @@ fn weigh(
         [0, 1].map(|j| row[0] * inverse[0][j] + row[1] * inverse[1][j])
     });
     let correction = gain.map(|row| row[0] * innovation[0] + row[1] * innovation[1]);
-    // gain * noise equals (1 - gain) * forecast and, unlike that, cannot become negative by cancellation.
+    // gain * noise equals (1 - gain) * forecast and loses fewer digits.
     let left = gain.map(|row| [0, 1].map(|j| row[0] * noise[0][j] + row[1] * noise[1][j]));
-    let off_diagonal = 0.5 * (left[0][1] + left[1][0]);
-    let covariance = [[left[0][0], off_diagonal], [off_diagonal, left[1][1]]];
+    // A determinant next to nothing makes the inverse overflow.
     let finite = correction
         .iter()
-        .chain(covariance.as_flattened())
+        .chain(left.as_flattened())
         .all(|value| value.is_finite());
-    finite.then_some((correction, covariance))
+    finite.then(|| (correction, semidefinite(&left)))
 }
 
 #[cfg(test)]

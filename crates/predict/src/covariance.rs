@@ -1,0 +1,59 @@
+//! Symmetric 2x2 covariance matrices.
+
+use libm::sqrt;
+
+/// Rows of a covariance of (x, y).
+pub(crate) type Covariance = [[f64; 2]; 2];
+
+/// Sum of the variances.
+pub(crate) fn trace(covariance: &Covariance) -> f64 {
+    covariance[0][0] + covariance[1][1]
+}
+
+/// The nearest of its kind to a matrix that rounding, or a caller, made not quite symmetric and positive semidefinite.
+pub(crate) fn semidefinite(matrix: &Covariance) -> Covariance {
+    let [[xx, xy], [yx, yy]] = *matrix;
+    let (xx, yy) = (xx.max(0.0), yy.max(0.0));
+    // The root of each, since the product may overflow.
+    let bound = sqrt(xx) * sqrt(yy);
+    let off_diagonal = (0.5 * (xy + yx)).clamp(-bound, bound);
+    [[xx, off_diagonal], [off_diagonal, yy]]
+}
+
+/// The covariance given along and across `direction` (a unit vector), along x and y.
+pub(crate) fn rotated(covariance: &Covariance, direction: [f64; 2]) -> Covariance {
+    let [[along, both], [_, across]] = *covariance;
+    let [c, s] = direction;
+    let xy = c * s * (along - across) + (c * c - s * s) * both;
+    semidefinite(&[
+        [c * c * along - 2.0 * c * s * both + s * s * across, xy],
+        [xy, s * s * along + 2.0 * c * s * both + c * c * across],
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rotation_by_a_right_angle_swaps_the_axes() {
+        let turned = rotated(&[[4.0, 1.0], [1.0, 9.0]], [0.0, 1.0]);
+        assert_eq!(turned, [[9.0, -1.0], [-1.0, 4.0]]);
+    }
+
+    #[test]
+    fn rotation_keeps_trace_and_determinant() {
+        let turned = rotated(&[[4.0, 1.0], [1.0, 9.0]], [0.6, 0.8]);
+        let determinant = turned[0][0] * turned[1][1] - turned[0][1] * turned[1][0];
+        assert!((trace(&turned) - 13.0).abs() < 1e-12);
+        assert!((determinant - 35.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn repairs_what_is_no_covariance() {
+        let repaired = semidefinite(&[[4.0, 100.0], [0.0, 9.0]]);
+        assert_eq!(repaired, [[4.0, 6.0], [6.0, 9.0]]);
+        let repaired = semidefinite(&[[4.0, 1.0], [1.0, -1e-200]]);
+        assert_eq!(repaired, [[4.0, 0.0], [0.0, 0.0]]);
+    }
+}

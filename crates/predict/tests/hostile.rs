@@ -1,0 +1,177 @@
+//! Whatever is put in, finite numbers come out and the books balance.
+
+use predict::{Heading, MAX_TRACKS, Observation, Settings, Track, Tracker};
+use proptest::prelude::*;
+
+/// Any bit pattern, with the awkward and the ordinary ones often.
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        3 => any::<u64>().prop_map(f64::from_bits),
+        2 => prop::sample::select(vec![
+            f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN_POSITIVE, 5e-324, 0.0, -0.0, 1e9, -1e9, 1.0,
+        ]),
+        5 => -700.0..700.0_f64,
+        2 => Just(100.0),
+    ]
+}
+
+/// A place that is accepted, so that tracks live long enough to be harmed: scattered, close by, or at the edge.
+fn place() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        6 => 90.0..110.0_f64,
+        2 => Just(100.0),
+        1 => -1e9..1e9_f64,
+        1 => prop::sample::select(vec![1e9, -1e9, 0.0, 1e-300]),
+    ]
+}
+
+fn accepted() -> impl Strategy<Value = Observation> {
+    let variance = prop_oneof![Just(0.0), 0.0..1.0_f64, Just(1e18), Just(5e-324)];
+    let heading =
+        (-1e9..1e9_f64, 0.0..1e3_f64).prop_map(|(rad, variance)| Heading { rad, variance });
+    (
+        [place(), place()],
+        [variance.clone(), variance],
+        -1.0..1.0_f64,
+        prop::option::of(heading),
+        prop::option::of(0..3_u32),
+    )
+        .prop_map(|([x, y], [xx, yy], xy, heading, marker)| Observation {
+            x,
+            y,
+            covariance: [[xx, xy], [xy, yy]],
+            heading,
+            marker,
+        })
+}
+
+fn arbitrary() -> impl Strategy<Value = Observation> {
+    let heading =
+        [any_number(), any_number()].prop_map(|[rad, variance]| Heading { rad, variance });
+    (
+        [any_number(), any_number()],
+        [[any_number(), any_number()], [any_number(), any_number()]],
+        prop::option::of(heading),
+        prop::option::of(any::<u32>()),
+    )
+        .prop_map(|([x, y], covariance, heading, marker)| Observation {
+            x,
+            y,
+            covariance,
+            heading,
+            marker,
+        })
+}
+
+/// Time stamps: even, equal, a nanosecond on, far ahead, backward, anything.
+fn stamps() -> impl Strategy<Value = Vec<u64>> {
+    let change = prop_oneof![
+        6 => Just(66_666_667_i128),
+        2 => Just(0),
+        2 => 1..1000_i128,
+        1 => Just(-66_666_667),
+        1 => (0..u64::MAX).prop_map(i128::from),
+        1 => (0..u64::MAX).prop_map(|ns| -i128::from(ns)),
+    ];
+    prop::collection::vec(change, 1..80).prop_map(|changes| {
+        let mut now = 0_i128;
+        let mut step = |change: i128| {
+            now = (now + change).clamp(0, i128::from(u64::MAX));
+            now as u64
+        };
+        changes.into_iter().map(&mut step).collect()
+    })
+}
+
+fn any_settings() -> impl Strategy<Value = Settings> {
+    let numbers = [any_number(), any_number(), any_number(), any_number()];
+    let wild = (numbers, 0..12_u32, 0..4_u32).prop_map(
+        |([step, top, base, offset], max_misses, confirm)| Settings {
+            forecast_step_s: step,
+            top_speed: top,
+            gate_base: base,
+            marker_offset: offset,
+            max_misses,
+            confirm,
+        },
+    );
+    prop_oneof![Just(Settings::default()), wild]
+}
+
+fn check(track: &Track, n_observations: usize) -> Result<(), TestCaseError> {
+    let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    let plausible = |c: [[f64; 2]; 2]| {
+        finite(c.as_flattened()) && c[0][0] >= 0.0 && c[1][1] >= 0.0 && c[0][1] == c[1][0]
+    };
+    prop_assert!(finite(&track.position()), "{:?}", track.position());
+    prop_assert!(finite(&track.velocity()), "{:?}", track.velocity());
+    prop_assert!(plausible(track.covariance()), "{:?}", track.covariance());
+    prop_assert!(track.observed().is_none_or(|index| index < n_observations));
+    prop_assert!(track.turn_rate().is_none_or(f64::is_finite));
+    if let Some(heading) = track.heading() {
+        prop_assert!(heading.rad.abs() <= std::f64::consts::PI);
+        prop_assert!(heading.variance >= 0.0 && heading.variance.is_finite());
+    }
+    for point in track.forecast() {
+        prop_assert!(finite(&[point.dt_s, point.x, point.y]), "{point:?}");
+        prop_assert!(plausible(point.covariance), "{point:?}");
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn no_input_makes_a_track_nonsense(
+        stamps in stamps(),
+        settings in prop::collection::vec(any_settings(), 1..3),
+        frames in prop::collection::vec(
+            prop::collection::vec(prop_oneof![4 => accepted(), 1 => arbitrary()], 0..6), 1..80),
+    ) {
+        let mut tracker = Box::new(Tracker::new());
+        let mut newest_id = 0;
+        let mut alive = 0;
+        for ((i, stamp_ns), observations) in stamps.iter().enumerate().zip(&frames) {
+            let settings = &settings[i * settings.len() / stamps.len()];
+            let update = tracker.update(*stamp_ns, observations, settings);
+            alive = alive + update.started - update.retired;
+            prop_assert!(tracker.tracks().count() <= alive);
+            let mut seen = update.rejected + update.overflow;
+            let mut last_id = 0;
+            for track in tracker.tracks() {
+                check(track, observations.len())?;
+                prop_assert!(track.id() > last_id);
+                last_id = track.id();
+                seen += usize::from(track.observed().is_some());
+            }
+            prop_assert!(last_id <= newest_id + update.started as u64);
+            newest_id += update.started as u64;
+            prop_assert!(seen <= observations.len());
+            if settings.confirm <= 1 {
+                prop_assert_eq!(seen, observations.len());
+                prop_assert_eq!(tracker.tracks().count(), alive);
+            }
+        }
+    }
+
+    #[test]
+    fn crowds_are_bounded(n in 0..400_usize, spread in 0.0..1e4_f64) {
+        let mut tracker = Box::new(Tracker::new());
+        let observations: Vec<Observation> = (0..n)
+            .map(|i| Observation {
+                x: spread * (i as f64 * 0.618).fract(),
+                y: spread * (i as f64 * 0.414).fract(),
+                covariance: [[1.0, 0.0], [0.0, 1.0]],
+                heading: None,
+                marker: (i % 3 == 0).then_some(i as u32 % 5),
+            })
+            .collect();
+        for stamp_ns in [0, 66_666_667] {
+            let update = tracker.update(stamp_ns, &observations, &Settings::default());
+            let tracked = tracker.tracks().filter(|track| track.observed().is_some()).count();
+            prop_assert!(tracked <= MAX_TRACKS);
+            prop_assert_eq!(tracked + update.overflow, n);
+        }
+    }
+}

@@ -1,0 +1,466 @@
+//! What becomes of tracks from frame to frame, on hand-made scenes.
+
+use predict::{Heading, MAX_FORECAST, MAX_TRACKS, Observation, Settings, Track, Tracker, Update};
+
+const STEP_NS: u64 = 66_666_667;
+const STEP_S: f64 = STEP_NS as f64 / 1e9;
+
+fn settings() -> Settings {
+    Settings {
+        forecast_step_s: STEP_S,
+        ..Settings::default()
+    }
+}
+
+fn blob([x, y]: [f64; 2]) -> Observation {
+    Observation {
+        x,
+        y,
+        covariance: [[0.04, 0.0], [0.0, 0.04]],
+        heading: None,
+        marker: None,
+    }
+}
+
+fn robot(marker: u32, place: [f64; 2], heading_rad: f64) -> Observation {
+    Observation {
+        heading: Some(Heading {
+            rad: heading_rad,
+            variance: 1e-4,
+        }),
+        marker: Some(marker),
+        ..blob(place)
+    }
+}
+
+/// A tracker and the number of the next frame.
+struct Floor {
+    tracker: Box<Tracker>,
+    settings: Settings,
+    frame: u64,
+}
+
+impl Floor {
+    fn new() -> Self {
+        Self {
+            tracker: Box::new(Tracker::new()),
+            settings: settings(),
+            frame: 0,
+        }
+    }
+
+    fn see(&mut self, observations: &[Observation]) -> Update {
+        let stamp_ns = self.frame * STEP_NS;
+        self.frame += 1;
+        self.tracker.update(stamp_ns, observations, &self.settings)
+    }
+
+    fn ids(&self) -> Vec<u64> {
+        self.tracker.tracks().map(Track::id).collect()
+    }
+
+    fn only(&self) -> &Track {
+        let mut tracks = self.tracker.tracks();
+        let track = tracks.next().expect("a track");
+        assert!(tracks.next().is_none(), "more than one track");
+        track
+    }
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    f64::hypot(a[0] - b[0], a[1] - b[1])
+}
+
+fn worst_forecast(track: &Track, truth: impl Fn(f64) -> [f64; 2]) -> f64 {
+    assert_eq!(track.forecast().len(), MAX_FORECAST);
+    let error = |(i, point): (usize, &predict::ForecastPoint)| {
+        assert!((point.dt_s - (i + 1) as f64 * STEP_S).abs() < 1e-12);
+        distance([point.x, point.y], truth(point.dt_s))
+    };
+    track
+        .forecast()
+        .iter()
+        .enumerate()
+        .map(error)
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn a_straight_line_is_foreseen_from_the_third_sample() {
+    let place = |t: f64| [10.0 + 60.0 * t, 200.0 - 25.0 * t];
+    let mut floor = Floor::new();
+    for i in 0..120 {
+        let t = f64::from(i) * STEP_S;
+        floor.see(&[blob(place(t))]);
+        let track = floor.only();
+        assert_eq!(track.position(), place(t), "the measurement itself");
+        if i >= 2 {
+            let error = worst_forecast(track, |dt| place(t + dt));
+            assert!(error < 1e-2, "frame {i}: {error} px");
+            assert!(distance(track.velocity(), [60.0, -25.0]) < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn a_circle_is_foreseen_from_the_sixth_sample() {
+    let place = |t: f64| {
+        [
+            300.0 + 60.0 * (1.2 * t).cos(),
+            200.0 + 60.0 * (1.2 * t).sin(),
+        ]
+    };
+    let mut floor = Floor::new();
+    for i in 0..120 {
+        let t = f64::from(i) * STEP_S;
+        floor.see(&[blob(place(t))]);
+        let error = worst_forecast(floor.only(), |dt| place(t + dt));
+        // A line is wrong by 36 px at the last step.
+        if i >= 5 {
+            assert!(error < 0.5, "frame {i}: {error} px");
+        }
+        if i >= 20 {
+            assert!(error < 0.01, "frame {i}: {error} px");
+        }
+    }
+}
+
+#[test]
+fn uneven_and_dropped_frames_do_not_bend_a_line() {
+    let mut tracker = Box::new(Tracker::new());
+    let mut stamp_ns = 5_000_000_000;
+    for i in 0..60_u64 {
+        stamp_ns += [STEP_NS, STEP_NS / 2, 3 * STEP_NS][(i % 3) as usize];
+        let at = |ns: f64| [60.0 * ns / 1e9, 5.0];
+        tracker.update(stamp_ns, &[blob(at(stamp_ns as f64))], &settings());
+        let track = tracker.tracks().next().expect("a track");
+        assert_eq!(track.id(), 1);
+        if i >= 2 {
+            let error = worst_forecast(track, |dt| at(stamp_ns as f64 + dt * 1e9));
+            assert!(error < 1e-2, "frame {i}: {error} px");
+        }
+    }
+}
+
+#[test]
+fn crossing_objects_keep_their_numbers() {
+    let mut floor = Floor::new();
+    for i in 0..60 {
+        let t = f64::from(i) * STEP_S;
+        // They meet at (200, 100) in frame 30 and are given in changing order.
+        let right = blob([200.0 + 80.0 * (t - 2.0), 100.0 + 40.0 * (t - 2.0)]);
+        let left = blob([200.0 - 80.0 * (t - 2.0), 102.0 + 40.0 * (t - 2.0)]);
+        let swapped = i % 2 == 1;
+        floor.see(&if swapped {
+            [left, right]
+        } else {
+            [right, left]
+        });
+        let observed: Vec<_> = floor.tracker.tracks().map(Track::observed).collect();
+        let expected = if swapped { [1, 0] } else { [0, 1] };
+        assert_eq!(observed, expected.map(Some), "frame {i}");
+    }
+    assert_eq!(floor.ids(), [1, 2]);
+}
+
+#[test]
+fn a_gap_is_filled_by_the_forecast() {
+    let place = |t: f64| [50.0 + 90.0 * t, 100.0];
+    let mut floor = Floor::new();
+    let mut last_variance = 0.0;
+    for i in 0..30 {
+        let t = f64::from(i) * STEP_S;
+        let hidden = (15..20).contains(&i);
+        let seen = [blob(place(t))];
+        floor.see(if hidden { &[] } else { &seen });
+        let track = floor.only();
+        assert_eq!(track.id(), 1);
+        assert_eq!(track.observed(), (!hidden).then_some(0));
+        assert_eq!(track.pose_observed(), !hidden);
+        assert_eq!(track.misses(), if hidden { i as u32 - 14 } else { 0 });
+        assert_eq!(track.age_frames(), i as u64 + 1);
+        if i > 5 {
+            assert!(distance(track.position(), place(t)) < 0.01);
+            assert!(distance(track.velocity(), [90.0, 0.0]) < 0.1);
+            assert!(worst_forecast(track, |dt| place(t + dt)) < 0.05);
+        }
+        let variance = track.covariance()[0][0];
+        if hidden && i > 15 {
+            assert!(variance > last_variance, "uncertainty grows");
+        }
+        last_variance = variance;
+    }
+}
+
+#[test]
+fn a_track_is_retired_after_its_misses_and_its_number_not_reused() {
+    let mut floor = Floor::new();
+    floor.see(&[blob([100.0, 100.0])]);
+    for miss in 1..=floor.settings.max_misses {
+        assert_eq!(floor.see(&[]).retired, 0);
+        assert_eq!(floor.only().misses(), miss);
+    }
+    assert_eq!(floor.see(&[]).retired, 1);
+    assert_eq!(floor.ids(), []);
+    let update = floor.see(&[blob([100.0, 100.0])]);
+    assert_eq!(update.started, 1);
+    assert_eq!(floor.ids(), [2]);
+}
+
+#[test]
+fn the_order_of_numbers_survives_retirement() {
+    let mut floor = Floor::new();
+    let places = [0.0, 200.0, 400.0, 600.0].map(|x| blob([x, 0.0]));
+    floor.see(&places);
+    for _ in 0..9 {
+        floor.see(&[places[2], places[0]]);
+    }
+    assert_eq!(floor.ids(), [1, 3]);
+    floor.see(&places);
+    assert_eq!(floor.ids(), [1, 3, 5, 6]);
+}
+
+#[test]
+fn confirmation_hides_a_flash() {
+    let mut floor = Floor::new();
+    floor.settings.confirm = 3;
+    floor.see(&[blob([100.0, 100.0]), blob([300.0, 100.0])]);
+    floor.see(&[blob([100.0, 100.0])]);
+    assert_eq!(floor.ids(), []);
+    floor.see(&[blob([100.0, 100.0])]);
+    assert_eq!(floor.ids(), [1]);
+    assert_eq!(floor.only().age_frames(), 3);
+    floor.see(&[blob([300.0, 100.0])]);
+    assert_eq!(floor.ids(), [1], "a flash must be seen three times again");
+}
+
+#[test]
+fn a_marker_keeps_its_track_through_a_close_crossing() {
+    let mut floor = Floor::new();
+    for i in 0..40 {
+        let t = f64::from(i) * STEP_S;
+        let ahead = 80.0 * (t - 20.0 * STEP_S);
+        let mut seen = [
+            robot(7, [200.0 + ahead, 100.0], 0.0),
+            robot(4, [200.0 - ahead, 101.0], 3.0),
+        ];
+        // They push each other aside where they meet: by distance alone they would change numbers.
+        if i >= 20 {
+            seen = [
+                robot(7, [200.0 - ahead, 101.0], 3.0),
+                robot(4, [200.0 + ahead, 100.0], 0.0),
+            ];
+        }
+        floor.see(&seen);
+        let marked: Vec<_> = floor
+            .tracker
+            .tracks()
+            .map(|t| (t.id(), t.marker()))
+            .collect();
+        assert_eq!(marked, [(1, Some(7)), (2, Some(4))], "frame {i}");
+    }
+}
+
+#[test]
+fn a_marker_never_joins_the_track_of_another() {
+    let mut floor = Floor::new();
+    floor.see(&[robot(1, [100.0, 100.0], 0.0)]);
+    floor.see(&[robot(2, [100.0, 100.0], 0.0)]);
+    let seen: Vec<_> = floor
+        .tracker
+        .tracks()
+        .map(|t| (t.marker(), t.observed()))
+        .collect();
+    assert_eq!(seen, [(Some(1), None), (Some(2), Some(0))]);
+}
+
+#[test]
+fn the_same_marker_is_found_further_away_than_anything_else() {
+    let gate = settings().gate_base + 3.0 * settings().top_speed * STEP_S;
+    for (marker, expected) in [(Some(5), vec![1]), (None, vec![1, 2])] {
+        let mut floor = Floor::new();
+        floor.see(&[robot(5, [100.0, 100.0], 0.0)]);
+        let mut carried = robot(5, [100.0 + 2.0 * gate, 100.0], 0.0);
+        carried.marker = marker;
+        floor.see(&[carried]);
+        assert_eq!(floor.ids(), expected);
+    }
+}
+
+/// A robot drives along x and turns slowly; where its marker is not read, the centre of its area lies 6 px beside
+/// the plate.
+fn drive(floor: &mut Floor, frames: u64, read: bool) {
+    for _ in 0..frames {
+        let t = floor.frame as f64 * STEP_S;
+        let plate = [50.0 + 60.0 * t, 100.0];
+        floor.see(&[if read {
+            robot(3, plate, 0.2 * t)
+        } else {
+            blob([plate[0], plate[1] + 6.0])
+        }]);
+    }
+}
+
+#[test]
+fn an_unread_marker_keeps_robot_and_heading() {
+    let mut floor = Floor::new();
+    drive(&mut floor, 20, true);
+    drive(&mut floor, 3, false);
+    let t = 22.0 * STEP_S;
+    let track = floor.only();
+    assert_eq!((track.id(), track.marker()), (1, Some(3)));
+    assert_eq!((track.observed(), track.pose_observed()), (Some(0), false));
+    assert_eq!(track.misses(), 0);
+    let away = distance(track.position(), [50.0 + 60.0 * t, 100.0]);
+    assert!(away < 1.0, "pulled {away} px to the centre of area");
+    let heading = track.heading().expect("a forecast heading");
+    assert!((heading.rad - 0.2 * t).abs() < 1e-6);
+    assert!(heading.variance > 1e-4);
+    assert!((track.turn_rate().expect("a rate") - 0.2).abs() < 1e-6);
+
+    drive(&mut floor, 1, true);
+    let track = floor.only();
+    assert!(track.pose_observed());
+    assert_eq!(track.position()[1], 100.0);
+    assert!(distance(track.velocity(), [60.0, 0.0]) < 0.01);
+}
+
+#[test]
+fn a_marker_long_unread_is_given_up_and_may_come_back() {
+    let mut floor = Floor::new();
+    drive(&mut floor, 20, true);
+    let longest = u64::from(floor.settings.max_misses);
+    drive(&mut floor, longest, false);
+    assert_eq!(floor.only().marker(), Some(3));
+    drive(&mut floor, 1, false);
+    let track = floor.only();
+    assert_eq!((track.id(), track.marker()), (1, None));
+    assert_eq!(track.heading(), None);
+    assert!(track.pose_observed());
+    assert_eq!(track.position()[1], 106.0);
+    let jump = distance(track.velocity(), [60.0, 0.0]);
+    assert!(jump < 1.0, "velocity jumped by {jump} px/s");
+    drive(&mut floor, 1, true);
+    let track = floor.only();
+    assert_eq!((track.id(), track.marker()), (1, Some(3)));
+    let jump = distance(track.velocity(), [60.0, 0.0]);
+    assert!(jump < 1.0, "velocity jumped by {jump} px/s");
+}
+
+#[test]
+fn what_does_not_fit_is_counted() {
+    let far_apart = |i: usize| blob([500.0 * (i % 20) as f64, 500.0 * (i / 20) as f64]);
+    let seen: Vec<_> = (0..300).map(far_apart).collect();
+    let mut floor = Floor::new();
+    let update = floor.see(&seen[..MAX_TRACKS + 6]);
+    assert_eq!((update.started, update.overflow), (MAX_TRACKS, 6));
+    let update = floor.see(&seen);
+    assert_eq!((update.started, update.overflow), (0, 300 - MAX_TRACKS));
+    assert!(
+        floor
+            .tracker
+            .tracks()
+            .all(|track| track.observed() == Some(track.id() as usize - 1))
+    );
+}
+
+#[test]
+fn nonsense_is_ignored_and_counted() {
+    let mut floor = Floor::new();
+    let update = floor.see(&[
+        blob([f64::NAN, 0.0]),
+        blob([1.0, 2.0]),
+        blob([0.0, f64::INFINITY]),
+    ]);
+    assert_eq!((update.rejected, update.started), (2, 1));
+    assert_eq!(
+        floor.only().observed(),
+        Some(1),
+        "the index is the caller's"
+    );
+}
+
+#[test]
+fn a_time_stamp_that_does_not_advance_is_the_same_moment() {
+    let mut floor = Floor::new();
+    let place = |frame: u64| [4.0 * frame as f64, 0.0];
+    for _ in 0..10 {
+        floor.see(&[blob(place(floor.frame))]);
+    }
+    let velocity = floor.only().velocity();
+    floor.frame -= 1;
+    floor.see(&[blob(place(9))]);
+    assert_eq!(floor.only().velocity(), velocity);
+    // The clock is set back by a minute's worth of frames: the tracker goes on from there.
+    for i in 0..5 {
+        let stamp_ns = 1000 + i * STEP_NS;
+        let seen = [blob(place(9 + i))];
+        floor.tracker.update(stamp_ns, &seen, &floor.settings);
+        assert!(distance(floor.only().velocity(), velocity) < 1e-6);
+        assert_eq!(floor.only().id(), 1);
+    }
+}
+
+#[test]
+fn results_do_not_depend_on_what_a_slot_held_before() {
+    let run = |floor: &mut Floor| {
+        let mut results = Vec::new();
+        for i in 0..30 {
+            let t = f64::from(i) * 0.3;
+            floor.see(&[robot(1, [100.0 + 40.0 * t.sin(), 30.0 * t], 0.1 * t)]);
+            let track = floor.only();
+            let forecast = track.forecast().to_vec();
+            results.push((
+                track.velocity(),
+                track.heading(),
+                track.covariance(),
+                forecast,
+            ));
+        }
+        results
+    };
+    let mut used = Floor::new();
+    for i in 0..50 {
+        let x = f64::from(i % 7) * 3.0;
+        used.see(&[blob([x, 400.0]), robot(9, [300.0, x], x)]);
+    }
+    for _ in 0..10 {
+        used.see(&[]);
+    }
+    assert_eq!(used.ids(), []);
+    assert_eq!(run(&mut used), run(&mut Floor::new()));
+}
+
+#[test]
+fn metres_give_what_pixels_give() {
+    const METRES_PER_PX: f64 = 0.003;
+    let mut pixels = Floor::new();
+    let mut metres = Floor::new();
+    metres.settings = metres.settings.scaled(METRES_PER_PX);
+    for i in 0..60 {
+        let t = f64::from(i) * STEP_S;
+        let place = [
+            60.0 * t,
+            30.0 * (2.0 * t).sin() + 0.3 * f64::from(i * i % 5),
+        ];
+        pixels.see(&[blob(place)]);
+        metres.see(&[Observation {
+            x: place[0] * METRES_PER_PX,
+            y: place[1] * METRES_PER_PX,
+            covariance: blob(place)
+                .covariance
+                .map(|row| row.map(|c| c * METRES_PER_PX * METRES_PER_PX)),
+            ..blob(place)
+        }]);
+        for (px, m) in pixels
+            .only()
+            .forecast()
+            .iter()
+            .zip(metres.only().forecast())
+        {
+            let difference = distance([px.x, px.y], [m.x, m.y].map(|c| c / METRES_PER_PX));
+            // The network works in single precision.
+            assert!(difference < 1e-2, "frame {i}: {difference} px");
+        }
+    }
+}
