@@ -45,6 +45,11 @@ pub const FRAME_IMAGE: u32 = 0;
 /// [`Scene::frame`]: coordinates are metres on the floor.
 pub const FRAME_FLOOR: u32 = 1;
 
+/// [`Scene::clock`]: stamps count from the first frame of the source.
+pub const CLOCK_SOURCE: u32 = 0;
+/// [`Scene::clock`]: stamps are `CLOCK_MONOTONIC` of this machine.
+pub const CLOCK_MONOTONIC: u32 = 1;
+
 /// [`Object::kind`]: something without a recognised marker.
 pub const KIND_OBSTACLE: u32 = 0;
 /// [`Object::kind`]: a robot or target with a recognised marker.
@@ -62,7 +67,7 @@ pub const HAS_HEADING: u32 = 2;
 pub struct Scene {
     /// Number of the frame in its source, from 0; frames that were dropped, passed over or used for learning count too.
     pub sequence: u64,
-    /// Moment of exposure: `CLOCK_MONOTONIC` of this machine for a camera, time since the first frame otherwise.
+    /// Moment of exposure on the clock named by `clock`.
     pub stamp_ns: u64,
     /// `CLOCK_MONOTONIC` just before publication; 0 in a scene that was not published.
     pub published_ns: u64,
@@ -72,8 +77,8 @@ pub struct Scene {
     pub n_objects: u32,
     /// Shapes and tracks of this frame that are not reported because a capacity was reached.
     pub n_overflow: u32,
-    /// Must be zero; keeps the array aligned.
-    pub reserved: u32,
+    /// Clock of `stamp_ns`: [`CLOCK_MONOTONIC`] for a camera, [`CLOCK_SOURCE`] for everything else.
+    pub clock: u32,
     /// The objects, in the order of their track numbers.
     pub objects: [Object; MAX_OBJECTS],
 }
@@ -139,7 +144,7 @@ impl Scene {
         frame: FRAME_IMAGE,
         n_objects: 0,
         n_overflow: 0,
-        reserved: 0,
+        clock: CLOCK_SOURCE,
         objects: [Object::EMPTY; MAX_OBJECTS],
     };
 
@@ -147,6 +152,19 @@ impl Scene {
     #[must_use]
     pub fn objects(&self) -> &[Object] {
         &self.objects[..(self.n_objects as usize).min(MAX_OBJECTS)]
+    }
+
+    /// Nanoseconds from the exposure to `now_ns`, a reading of `CLOCK_MONOTONIC` on the same machine.
+    ///
+    /// Counted from the publication where the source has a clock of its own: a file was exposed long ago, and what a reader
+    /// can still act upon is how long the scene took to reach it.
+    #[must_use]
+    pub fn age_ns(&self, now_ns: u64) -> u64 {
+        let since_ns = match self.clock {
+            CLOCK_MONOTONIC => self.stamp_ns,
+            _ => self.published_ns,
+        };
+        now_ns.saturating_sub(since_ns)
     }
 }
 
@@ -170,18 +188,15 @@ impl Object {
         forecast: [ForecastPoint::EMPTY; MAX_FORECAST],
     };
 
-    /// Name of the marker, `None` for an obstacle.
+    /// Name of the marker, `None` for an obstacle. A name that was cut within a character ends before that character.
     #[must_use]
     pub fn marker_name(&self) -> Option<&str> {
         if self.kind != KIND_MARKER {
             return None;
         }
-        let end = self
-            .marker
-            .iter()
-            .position(|&byte| byte == 0)
-            .unwrap_or(NAME_BYTES);
-        core::str::from_utf8(&self.marker[..end]).ok()
+        let name = self.marker.split(|&byte| byte == 0).next()?;
+        let valid = name.utf8_chunks().next().map_or("", |chunk| chunk.valid());
+        Some(valid)
     }
 
     /// Direction of the marker in radians, where there is one.
@@ -228,3 +243,42 @@ const _: () = {
     );
     assert!(core::mem::size_of::<Scene>() == 40 + MAX_OBJECTS * core::mem::size_of::<Object>());
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_marker_always_has_a_name_and_an_obstacle_never() {
+        let mut object = Object::EMPTY;
+        object.marker[..5].copy_from_slice(b"arrow");
+        assert_eq!(object.marker_name(), None);
+        object.kind = KIND_MARKER;
+        assert_eq!(object.marker_name(), Some("arrow"));
+        object.marker = [b'x'; NAME_BYTES];
+        object.marker[NAME_BYTES - 1] = "\u{e9}".as_bytes()[0]; // the first of two bytes
+        assert_eq!(object.marker_name().map(str::len), Some(NAME_BYTES - 1));
+        object.marker = [0; NAME_BYTES];
+        assert_eq!(object.marker_name(), Some(""));
+    }
+
+    #[test]
+    fn counts_beyond_the_arrays_are_cut() {
+        let mut object = Object::EMPTY;
+        object.n_outline = u32::MAX;
+        object.n_forecast = u32::MAX;
+        assert_eq!(object.outline().len(), MAX_OUTLINE);
+        assert_eq!(object.forecast().len(), MAX_FORECAST);
+    }
+
+    #[test]
+    fn the_age_counts_from_the_exposure_where_the_clock_allows_it() {
+        let mut scene = Scene::EMPTY;
+        scene.stamp_ns = 1_000;
+        scene.published_ns = 5_000;
+        assert_eq!(scene.age_ns(6_000), 1_000);
+        scene.clock = CLOCK_MONOTONIC;
+        assert_eq!(scene.age_ns(6_000), 5_000);
+        assert_eq!(scene.age_ns(500), 0);
+    }
+}
