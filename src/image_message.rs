@@ -1,0 +1,574 @@
+//! Frames as Foxglove image messages, and back.
+//!
+//! `foxglove.RawImage` has encodings for grey, RGB, YUYV, UYVY and NV12, so such frames are stored byte for byte. It has none
+//! for planar 4:2:0, 4:2:2 and 4:4:4: those are stored as the RGB that the pipeline itself computes from them
+//! ([`decode`]), so that a replay sees the very same colours. `foxglove.CompressedImage` holds JPEG pictures as the camera
+//! made them.
+//!
+//! A topic has one schema, fixed by the layout that the source announces. A frame of the other kind (a folder may mix PNG
+//! and JPEG files) is turned without loss: a JPEG picture among raw ones becomes RGB, a raw one among JPEG pictures becomes
+//! a PNG.
+//!
+//! Deliberately absent: Foxglove's other encodings (BGR, alpha, Bayer, 16 bit, float). No frame of overcam has them.
+
+use std::error::Error;
+
+use foxglove::bytes::Bytes;
+use foxglove::messages::{CompressedImage, RawImage, Timestamp};
+use foxglove::{Decode, Encode};
+use imgproc::Size;
+
+use crate::frame::{DecodeError, Frame, Picture, PixelFormat, decode};
+use crate::jpeg::{self, JpegError};
+use crate::pictures::{decode_png, write_png};
+use crate::source::SourceInfo;
+
+/// Frame of reference of an image message: pixels of the camera image.
+pub(crate) const IMAGE_FRAME: &str = "image";
+
+/// How a recording stores raw frames. Pictures that come as JPEG are stored as they are in both modes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageMode {
+    /// A replay sees the same colours, bit by bit.
+    Lossless,
+    /// Much smaller; a replay sees slightly different colours.
+    Jpeg {
+        /// 1 to 100; values outside are taken as the nearest of these.
+        quality: u8,
+    },
+}
+
+/// The message type of an image topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ImageSchema {
+    /// `foxglove.RawImage`
+    Raw,
+    /// `foxglove.CompressedImage`
+    Compressed,
+}
+
+/// Why a frame cannot be stored as a message, or a message cannot be read as a frame.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// The frame's colours could not be computed.
+    #[error(transparent)]
+    Colours(#[from] DecodeError),
+    /// The message is no such message.
+    #[error("the message is damaged: {0}")]
+    Message(Box<dyn Error + Send + Sync>),
+    /// The PNG picture inside cannot be read.
+    #[error("the picture is damaged: {0}")]
+    Picture(#[from] image::ImageError),
+    /// The JPEG picture inside cannot be read.
+    #[error(transparent)]
+    ReadJpeg(#[from] JpegError),
+    /// The frame cannot be compressed.
+    #[error("it cannot be written as JPEG: {0}")]
+    WriteJpeg(#[from] jpeg_encoder::EncodingError),
+    /// JPEG pictures have at most 65535 rows and columns.
+    #[error("{width}x{height} pixels are too many for JPEG (65535x65535); record without JPEG")]
+    TooLargeForJpeg {
+        /// Pixels in a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// The number of bytes does not fit the size of the picture.
+    #[error("it has {found} bytes, its size and layout need {expected}")]
+    ByteCount {
+        /// Bytes that size and layout need.
+        expected: u64,
+        /// Bytes that are there.
+        found: usize,
+    },
+    /// An encoding of `RawImage` that overcam does not read.
+    #[error(
+        "cannot read a {width}x{height} image in the encoding `{encoding}` (mono8, rgb8, and in even sizes yuv422_yuy2, \
+         uyvy and nv12 are read)"
+    )]
+    Encoding {
+        /// What the message says.
+        encoding: String,
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// A format of `CompressedImage` that overcam does not read.
+    #[error("cannot read an image in the format `{0}` (jpeg and png are read)")]
+    Format(String),
+}
+
+impl ImageMode {
+    /// Layout of frames after a recording and a replay.
+    pub(crate) fn stored_format(self, format: PixelFormat, size: Size) -> PixelFormat {
+        match self {
+            _ if format == PixelFormat::Jpeg => PixelFormat::Jpeg,
+            Self::Jpeg { .. } => PixelFormat::Jpeg,
+            Self::Lossless if raw_encoding(format, size).is_some() => format,
+            Self::Lossless => PixelFormat::Rgb,
+        }
+    }
+
+    /// The message type for the frames of a source.
+    pub(crate) fn schema(self, info: &SourceInfo) -> ImageSchema {
+        match self.stored_format(info.format, info.size) {
+            PixelFormat::Jpeg => ImageSchema::Compressed,
+            _ => ImageSchema::Raw,
+        }
+    }
+}
+
+/// Turns frames into messages of one schema. Its buffers are reused.
+pub(crate) struct ImageEncoder {
+    mode: ImageMode,
+    schema: ImageSchema,
+    picture: Picture,
+    rgb: Vec<u8>,
+}
+
+impl ImageEncoder {
+    /// For the frames of `info`.
+    pub(crate) fn new(mode: ImageMode, info: &SourceInfo) -> Self {
+        Self {
+            mode,
+            schema: mode.schema(info),
+            picture: Picture::new(info.size),
+            rgb: Vec::new(),
+        }
+    }
+
+    /// The type of all messages.
+    pub(crate) fn schema(&self) -> ImageSchema {
+        self.schema
+    }
+
+    /// Replaces `message` by the protobuf message of a frame.
+    pub(crate) fn encode(
+        &mut self,
+        frame: &Frame,
+        timestamp: Timestamp,
+        message: &mut Vec<u8>,
+    ) -> Result<(), ImageError> {
+        let (data, format) = match (self.schema, self.mode, frame.format) {
+            (ImageSchema::Raw, _, _) => return self.encode_raw(frame, timestamp, message),
+            (ImageSchema::Compressed, _, PixelFormat::Jpeg) => {
+                (Bytes::copy_from_slice(&frame.bytes), "jpeg")
+            }
+            (ImageSchema::Compressed, ImageMode::Jpeg { quality }, _) => {
+                (self.jpeg(frame, quality)?.into(), "jpeg")
+            }
+            (ImageSchema::Compressed, ImageMode::Lossless, _) => {
+                decode(frame, &mut self.picture)?;
+                (write_png(&self.picture).into(), "png")
+            }
+        };
+        let image = CompressedImage {
+            timestamp: Some(timestamp),
+            frame_id: IMAGE_FRAME.to_owned(),
+            data,
+            format: format.to_owned(),
+        };
+        encode_message(&image, message);
+        Ok(())
+    }
+
+    fn encode_raw(
+        &mut self,
+        frame: &Frame,
+        timestamp: Timestamp,
+        message: &mut Vec<u8>,
+    ) -> Result<(), ImageError> {
+        let size = frame.size;
+        let (encoding, step, data) = match raw_encoding(frame.format, size) {
+            Some((encoding, step)) => {
+                check_byte_count(step as u64 * plane_rows(frame.format, size), frame)?;
+                (encoding, step, &frame.bytes)
+            }
+            None => {
+                decode(frame, &mut self.picture)?;
+                interleave(&self.picture, &mut self.rgb);
+                ("rgb8", 3 * size.width, &self.rgb)
+            }
+        };
+        let image = RawImage {
+            timestamp: Some(timestamp),
+            frame_id: IMAGE_FRAME.to_owned(),
+            width: size.width as u32,
+            height: size.height as u32,
+            encoding: encoding.to_owned(),
+            step: step as u32,
+            data: Bytes::copy_from_slice(data),
+        };
+        encode_message(&image, message);
+        Ok(())
+    }
+
+    fn jpeg(&mut self, frame: &Frame, quality: u8) -> Result<Vec<u8>, ImageError> {
+        let Size { width, height } = frame.size;
+        let (Ok(columns), Ok(rows)) = (u16::try_from(width), u16::try_from(height)) else {
+            return Err(ImageError::TooLargeForJpeg { width, height });
+        };
+        let mut jpeg = Vec::new();
+        let encoder = jpeg_encoder::Encoder::new(&mut jpeg, quality.clamp(1, 100));
+        if frame.format == PixelFormat::Grey {
+            encoder.encode(&frame.bytes, columns, rows, jpeg_encoder::ColorType::Luma)?;
+        } else {
+            decode(frame, &mut self.picture)?;
+            interleave(&self.picture, &mut self.rgb);
+            encoder.encode(&self.rgb, columns, rows, jpeg_encoder::ColorType::Rgb)?;
+        }
+        Ok(jpeg)
+    }
+}
+
+/// Replaces `buffer` by the protobuf form of a message.
+pub(crate) fn encode_message<T: Encode>(message: &T, buffer: &mut Vec<u8>) {
+    buffer.clear();
+    message
+        .encode(buffer)
+        .expect("a vector grows to hold any message");
+}
+
+/// Reads a message into size, layout and bytes of `frame`; its other fields stay as they are.
+///
+/// `jpeg_size` is the size of JPEG pictures where it is known, so that they need not be opened.
+pub(crate) fn decode_message(
+    schema: ImageSchema,
+    message: Bytes,
+    jpeg_size: Option<Size>,
+    frame: &mut Frame,
+) -> Result<(), ImageError> {
+    match schema {
+        ImageSchema::Raw => decode_raw(&read_message(message)?, frame),
+        ImageSchema::Compressed => decode_compressed(&read_message(message)?, jpeg_size, frame),
+    }
+}
+
+fn read_message<T: Decode<Error: Send + Sync + 'static>>(message: Bytes) -> Result<T, ImageError> {
+    T::decode(message).map_err(|error| ImageError::Message(error.into()))
+}
+
+fn decode_raw(image: &RawImage, frame: &mut Frame) -> Result<(), ImageError> {
+    let size = Size {
+        width: image.width as usize,
+        height: image.height as usize,
+    };
+    let format = match image.encoding.as_str() {
+        "mono8" | "8UC1" => PixelFormat::Grey,
+        "rgb8" => PixelFormat::Rgb,
+        "yuv422_yuy2" | "yuyv" => PixelFormat::Yuyv,
+        "yuv422" | "uyvy" => PixelFormat::Uyvy,
+        "nv12" => PixelFormat::Nv12,
+        _ => return Err(unreadable_encoding(image)),
+    };
+    let Some((_, row_bytes)) = raw_encoding(format, size).filter(|_| size.area() > 0) else {
+        return Err(unreadable_encoding(image));
+    };
+    let rows = plane_rows(format, size);
+    let step = u64::from(image.step);
+    let expected = step * (rows - 1) + row_bytes as u64;
+    if step < row_bytes as u64 || (image.data.len() as u64) < expected {
+        return Err(ImageError::ByteCount {
+            expected: expected.max(row_bytes as u64 * rows),
+            found: image.data.len(),
+        });
+    }
+    frame.size = size;
+    frame.format = format;
+    frame.bytes.clear();
+    let padded_rows = image.data.chunks(image.step as usize).take(rows as usize);
+    for row in padded_rows {
+        frame.bytes.extend_from_slice(&row[..row_bytes]);
+    }
+    Ok(())
+}
+
+fn decode_compressed(
+    image: &CompressedImage,
+    jpeg_size: Option<Size>,
+    frame: &mut Frame,
+) -> Result<(), ImageError> {
+    match image.format.as_str() {
+        "jpeg" | "jpg" => {
+            frame.size = match jpeg_size {
+                Some(size) => size,
+                None => jpeg::size(&image.data)?,
+            };
+            frame.format = PixelFormat::Jpeg;
+            frame.bytes.clear();
+            frame.bytes.extend_from_slice(&image.data);
+        }
+        "png" => {
+            let (size, rgb) = rgb_from_png(&image.data)?;
+            frame.size = size;
+            frame.format = PixelFormat::Rgb;
+            frame.bytes.clear();
+            frame.bytes.extend_from_slice(&rgb);
+        }
+        _ => return Err(ImageError::Format(image.format.clone())),
+    }
+    Ok(())
+}
+
+/// Decodes a PNG.
+pub(crate) fn picture_from_png(png: &[u8]) -> Result<Picture, ImageError> {
+    let (size, rgb) = rgb_from_png(png)?;
+    let plane = |channel| rgb.iter().skip(channel).step_by(3).copied().collect();
+    Ok(Picture {
+        size,
+        red: plane(0),
+        green: plane(1),
+        blue: plane(2),
+    })
+}
+
+fn rgb_from_png(png: &[u8]) -> Result<(Size, Vec<u8>), ImageError> {
+    let image = decode_png(png)?.into_rgb8();
+    let size = Size {
+        width: image.width() as usize,
+        height: image.height() as usize,
+    };
+    Ok((size, image.into_raw()))
+}
+
+fn interleave(picture: &Picture, rgb: &mut Vec<u8>) {
+    rgb.resize(3 * picture.size.area(), 0);
+    let planes = picture.red.iter().zip(&picture.green).zip(&picture.blue);
+    for (pixel, ((red, green), blue)) in rgb.chunks_exact_mut(3).zip(planes) {
+        pixel.copy_from_slice(&[*red, *green, *blue]);
+    }
+}
+
+/// Foxglove's name for a layout, and its bytes in a row, if `RawImage` has it at this size: subsampled layouts need even sizes.
+fn raw_encoding(format: PixelFormat, size: Size) -> Option<(&'static str, usize)> {
+    let Size { width, height } = size;
+    let (even_width, even_height) = (width.is_multiple_of(2), height.is_multiple_of(2));
+    match format {
+        PixelFormat::Grey => Some(("mono8", width)),
+        PixelFormat::Rgb => Some(("rgb8", 3 * width)),
+        PixelFormat::Yuyv if even_width => Some(("yuv422_yuy2", 2 * width)),
+        PixelFormat::Uyvy if even_width => Some(("uyvy", 2 * width)),
+        PixelFormat::Nv12 if even_width && even_height => Some(("nv12", width)),
+        _ => None,
+    }
+}
+
+/// Rows of all planes of a layout that [`raw_encoding`] knows.
+fn plane_rows(format: PixelFormat, size: Size) -> u64 {
+    let rows = size.height as u64;
+    match format {
+        PixelFormat::Nv12 => rows + rows / 2,
+        _ => rows,
+    }
+}
+
+fn check_byte_count(expected: u64, frame: &Frame) -> Result<(), ImageError> {
+    if frame.bytes.len() as u64 == expected {
+        Ok(())
+    } else {
+        Err(ImageError::ByteCount {
+            expected,
+            found: frame.bytes.len(),
+        })
+    }
+}
+
+fn unreadable_encoding(image: &RawImage) -> ImageError {
+    ImageError::Encoding {
+        encoding: image.encoding.clone(),
+        width: image.width,
+        height: image.height,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn info(format: PixelFormat, size: Size) -> SourceInfo {
+        SourceInfo {
+            name: "test".to_owned(),
+            size,
+            format,
+            rate_hz: None,
+            live: false,
+        }
+    }
+
+    /// A frame whose bytes all differ from their neighbours.
+    fn frame(format: PixelFormat, width: usize, height: usize) -> Frame {
+        let size = Size { width, height };
+        let n_bytes = format.frame_bytes(size).expect("the format is raw");
+        Frame {
+            format,
+            size,
+            full_range: true,
+            bytes: (0..n_bytes).map(|i| (i * 37 % 251) as u8).collect(),
+            ..Frame::empty()
+        }
+    }
+
+    fn round_trip(mode: ImageMode, announced: PixelFormat, frame: &Frame) -> Frame {
+        let mut encoder = ImageEncoder::new(mode, &info(announced, frame.size));
+        let mut message = vec![0xaa; 7];
+        encoder
+            .encode(frame, Timestamp::new(1, 2), &mut message)
+            .expect("the frame can be stored");
+        let mut read = Frame {
+            full_range: frame.full_range,
+            ..Frame::empty()
+        };
+        decode_message(encoder.schema(), message.into(), None, &mut read)
+            .expect("the message can be read");
+        read
+    }
+
+    fn colours(frame: &Frame) -> Picture {
+        let mut picture = Picture::new(frame.size);
+        decode(frame, &mut picture).expect("the frame has colours");
+        picture
+    }
+
+    #[test]
+    fn formats_that_foxglove_knows_keep_their_bytes() {
+        for format in [
+            PixelFormat::Grey,
+            PixelFormat::Rgb,
+            PixelFormat::Yuyv,
+            PixelFormat::Uyvy,
+            PixelFormat::Nv12,
+        ] {
+            let frame = frame(format, 6, 4);
+            let read = round_trip(ImageMode::Lossless, format, &frame);
+            assert_eq!(
+                (read.format, read.size, read.bytes),
+                (format, frame.size, frame.bytes)
+            );
+        }
+    }
+
+    #[test]
+    fn other_formats_and_odd_sizes_keep_their_colours() {
+        for (format, width, height) in [
+            (PixelFormat::I420, 6, 4),
+            (PixelFormat::I422, 6, 4),
+            (PixelFormat::I444, 5, 3),
+            (PixelFormat::Yuyv, 5, 4),
+            (PixelFormat::Nv12, 6, 3),
+        ] {
+            for full_range in [false, true] {
+                let frame = Frame {
+                    full_range,
+                    ..frame(format, width, height)
+                };
+                let read = round_trip(ImageMode::Lossless, format, &frame);
+                assert_eq!(read.format, PixelFormat::Rgb);
+                assert_eq!(colours(&read), colours(&frame), "{format:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_topic_keeps_its_schema_when_formats_are_mixed() {
+        let raw = frame(PixelFormat::Rgb, 16, 8);
+        let jpeg = round_trip(
+            ImageMode::Jpeg { quality: 90 },
+            PixelFormat::Rgb,
+            &raw.clone(),
+        );
+        assert_eq!(jpeg.format, PixelFormat::Jpeg);
+
+        let raw_among_jpeg = round_trip(ImageMode::Lossless, PixelFormat::Jpeg, &raw);
+        assert_eq!(raw_among_jpeg.bytes, raw.bytes);
+        let jpeg_among_raw = round_trip(ImageMode::Lossless, PixelFormat::Rgb, &jpeg);
+        assert_eq!(jpeg_among_raw.format, PixelFormat::Rgb);
+        assert_eq!(colours(&jpeg_among_raw), colours(&jpeg));
+        let jpeg_among_jpeg = round_trip(ImageMode::Jpeg { quality: 5 }, PixelFormat::Jpeg, &jpeg);
+        assert_eq!(
+            jpeg_among_jpeg.bytes, jpeg.bytes,
+            "it is not compressed twice"
+        );
+    }
+
+    #[test]
+    fn padding_of_rows_is_removed() {
+        let image = RawImage {
+            width: 2,
+            height: 2,
+            encoding: "8UC1".to_owned(),
+            step: 3,
+            data: Bytes::from_static(&[1, 2, 99, 3, 4]),
+            ..RawImage::default()
+        };
+        let mut read = Frame::empty();
+        decode_raw(&image, &mut read).expect("the last row needs no padding");
+        assert_eq!(read.bytes, [1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn images_that_do_not_fit_are_refused() {
+        let image = |encoding: &str, width, height, step, n_bytes: usize| RawImage {
+            width,
+            height,
+            encoding: encoding.to_owned(),
+            step,
+            data: vec![0; n_bytes].into(),
+            ..RawImage::default()
+        };
+        let mut read = Frame::empty();
+        let mut refuse = |image: RawImage| match decode_raw(&image, &mut read) {
+            Err(error) => error,
+            Ok(()) => panic!("{image:?} was read"),
+        };
+        for (encoding, width, height) in [
+            ("bgr8", 2, 2),
+            ("mono8", 0, 2),
+            ("mono8", 2, 0),
+            ("yuyv", 3, 2),
+            ("nv12", 2, 3),
+        ] {
+            let error = refuse(image(encoding, width, height, 100, 1000));
+            assert!(matches!(error, ImageError::Encoding { .. }), "{error}");
+        }
+        for (encoding, step, n_bytes, needed) in [
+            ("rgb8", 6, 11, 12),
+            ("rgb8", 5, 12, 12),
+            ("rgb8", 0, 12, 12),
+            ("nv12", 2, 5, 6),
+            ("mono8", u32::MAX, 4, u64::from(u32::MAX) + 2),
+        ] {
+            match refuse(image(encoding, 2, 2, step, n_bytes)) {
+                ImageError::ByteCount { expected, found } => {
+                    assert_eq!(
+                        (expected, found),
+                        (needed, n_bytes),
+                        "{encoding}, step {step}"
+                    );
+                }
+                error => panic!("{error}"),
+            }
+        }
+        let short = Frame {
+            bytes: vec![0; 7],
+            ..frame(PixelFormat::Yuyv, 2, 2)
+        };
+        let mut encoder = ImageEncoder::new(ImageMode::Lossless, &info(short.format, short.size));
+        let error = encoder.encode(&short, Timestamp::new(0, 0), &mut Vec::new());
+        assert!(matches!(
+            error,
+            Err(ImageError::ByteCount {
+                expected: 8,
+                found: 7
+            })
+        ));
+    }
+
+    #[test]
+    fn a_background_survives_as_png() {
+        let picture = colours(&frame(PixelFormat::Rgb, 7, 5));
+        let png = write_png(&picture);
+        assert_eq!(picture_from_png(&png).expect("a PNG can be read"), picture);
+        assert!(picture_from_png(&png[..png.len() / 2]).is_err());
+    }
+}

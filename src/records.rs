@@ -1,0 +1,213 @@
+//! The records of an MCAP file, one after another, in bounded memory.
+//!
+//! A thin layer over the `mcap` crate's reader without input and output, which is fed from any [`Read`]. It adds what a file
+//! from a crashed disk needs: a limit to the length of a record, reading in small portions so that a corrupt length costs no
+//! memory that the file does not have, and a check of attachments, whose lengths the crate trusts.
+//!
+//! Deliberately absent: seeking. A recording is read from its start to its end, and one without an index reads just as well.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use foxglove::bytes::Bytes;
+use mcap::McapError;
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+/// Longest record, and longest chunk before and after compression. A frame of 8192x8192 in RGB fits.
+const RECORD_BYTES_MAX: usize = 256 << 20;
+/// Most bytes to ask a file for at a time.
+const PORTION_BYTES: usize = 1 << 20;
+
+/// Whether chunks are taken apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Chunks {
+    /// The records inside are given. The checksum of a chunk is tested before its first record is given.
+    Unpacked,
+    /// A chunk is one record. See [`unpack_chunk`].
+    Whole,
+}
+
+/// Reads records.
+pub(crate) struct Records<R> {
+    source: R,
+    reader: LinearReader,
+}
+
+/// One record: its type and its content.
+pub(crate) struct RawRecord {
+    pub(crate) opcode: u8,
+    pub(crate) content: Bytes,
+}
+
+/// Why there is no next record.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum RecordsError {
+    /// The system could not read the file.
+    #[error(transparent)]
+    File(io::Error),
+    /// The file's start is not that of an MCAP file.
+    #[error("not an MCAP file")]
+    NotMcap,
+    /// The file stops before its end mark.
+    #[error("ends in the middle")]
+    Truncated,
+    /// The content is not what it should be.
+    #[error(transparent)]
+    Damaged(McapError),
+}
+
+/// Why a path cannot be opened as an MCAP file.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The system refuses.
+    #[error("cannot be opened ({0}); check its name")]
+    System(#[from] io::Error),
+    /// It is a folder.
+    #[error("is a folder, not a recording; name the .mcap file in it")]
+    Folder,
+    /// It has no content.
+    #[error("is empty: nothing was recorded")]
+    Empty,
+}
+
+/// Opens a file for reading from its start.
+pub(crate) fn open(path: &Path) -> Result<File, OpenError> {
+    let file = File::open(path)?;
+    let metadata = file.metadata()?;
+    if metadata.is_dir() {
+        Err(OpenError::Folder)
+    } else if metadata.is_file() && metadata.len() == 0 {
+        Err(OpenError::Empty)
+    } else {
+        Ok(file)
+    }
+}
+
+impl<R: Read> Records<R> {
+    /// Records of a whole MCAP file.
+    pub(crate) fn new(source: R, chunks: Chunks) -> Self {
+        Self::with_options(source, LinearReaderOptions::default(), chunks)
+    }
+
+    fn with_options(source: R, options: LinearReaderOptions, chunks: Chunks) -> Self {
+        let options = options
+            .with_emit_chunks(chunks == Chunks::Whole)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(RECORD_BYTES_MAX);
+        Self {
+            source,
+            reader: LinearReader::new_with_options(options),
+        }
+    }
+
+    /// The next record; `None` after the end mark.
+    pub(crate) fn next(&mut self) -> Result<Option<RawRecord>, RecordsError> {
+        while let Some(event) = self.reader.next_event() {
+            match event {
+                Ok(LinearReadEvent::Record { opcode, data }) => {
+                    return Ok(Some(RawRecord {
+                        opcode,
+                        content: Bytes::copy_from_slice(data),
+                    }));
+                }
+                Ok(LinearReadEvent::ReadRequest(n_bytes)) => {
+                    let buffer = self.reader.insert(n_bytes.min(PORTION_BYTES));
+                    let n_read = read(&mut self.source, buffer).map_err(RecordsError::File)?;
+                    self.reader.notify_read(n_read);
+                }
+                Err(McapError::UnexpectedEof) => return Err(RecordsError::Truncated),
+                Err(McapError::BadMagic) => return Err(RecordsError::NotMcap),
+                Err(error) => return Err(RecordsError::Damaged(error)),
+            }
+        }
+        Ok(None)
+    }
+}
+
+impl RawRecord {
+    /// The record's fields.
+    pub(crate) fn parse(&self) -> Result<Record<'_>, RecordsError> {
+        if self.opcode == op::ATTACHMENT && !is_attachment(&self.content) {
+            return Err(RecordsError::Damaged(McapError::UnexpectedEof));
+        }
+        mcap::parse_record(self.opcode, &self.content).map_err(RecordsError::Damaged)
+    }
+}
+
+/// The records in a chunk record, after a test of its checksum.
+pub(crate) fn unpack_chunk(content: &[u8]) -> Result<Vec<RawRecord>, RecordsError> {
+    let framing = [&[op::CHUNK][..], &(content.len() as u64).to_le_bytes()].concat();
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true);
+    let mut records = Records::with_options(framing.chain(content), options, Chunks::Unpacked);
+    let mut unpacked = Vec::new();
+    while let Some(record) = records.next()? {
+        unpacked.push(record);
+    }
+    Ok(unpacked)
+}
+
+fn read(source: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
+    loop {
+        match source.read(buffer) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            result => return result,
+        }
+    }
+}
+
+/// Whether the lengths in an attachment record fit the record: two times, name, media type, data, checksum.
+fn is_attachment(content: &[u8]) -> bool {
+    fn skip_text(content: &[u8]) -> Option<&[u8]> {
+        let (length, rest) = content.split_first_chunk()?;
+        rest.get(u32::from_le_bytes(*length) as usize..)
+    }
+    content
+        .get(16..)
+        .and_then(skip_text)
+        .and_then(skip_text)
+        .and_then(<[u8]>::split_first_chunk)
+        .is_some_and(|(length, rest)| {
+            usize::try_from(u64::from_le_bytes(*length)).ok() == rest.len().checked_sub(4)
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_of_an_attachment_must_fit() {
+        let mut good = vec![0; 16];
+        for text in ["name", "text/plain"] {
+            good.extend((text.len() as u32).to_le_bytes());
+            good.extend(text.as_bytes());
+        }
+        good.extend(3_u64.to_le_bytes());
+        good.extend([1, 2, 3, 0, 0, 0, 0]);
+        assert!(is_attachment(&good));
+        for length in 0..good.len() {
+            assert!(!is_attachment(&good[..length]), "{length} bytes");
+        }
+        let mut endless_name = good.clone();
+        endless_name[16..20].fill(0xff);
+        assert!(!is_attachment(&endless_name));
+        let mut endless_data = good;
+        let length_at = endless_data.len() - 15;
+        endless_data[length_at..length_at + 8].fill(0xff);
+        assert!(!is_attachment(&endless_data));
+    }
+
+    #[test]
+    fn a_file_that_is_no_mcap_is_told_from_one_that_was_cut() {
+        let first = |content: &[u8]| Records::new(content, Chunks::Unpacked).next().err();
+        assert!(matches!(
+            first(b"RIFF....AVI "),
+            Some(RecordsError::NotMcap)
+        ));
+        assert!(matches!(first(mcap::MAGIC), Some(RecordsError::Truncated)));
+    }
+}
