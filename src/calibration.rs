@@ -70,7 +70,9 @@ pub enum CalibrationError {
     )]
     Mirrored,
     /// A horizon runs through the points.
-    #[error("calibration: the points lie on both sides of the horizon of their own map; check for exchanged points")]
+    #[error(
+        "calibration: the points lie on both sides of the horizon of their own map; check for exchanged points"
+    )]
     Horizon,
 }
 
@@ -108,7 +110,9 @@ impl Calibration {
     pub fn from_toml(text: &str) -> Result<Self, CalibrationError> {
         // The first line says what and where; the rest of the message draws the place.
         let file: File = toml::from_str(text).map_err(|e| {
-            let line = 1 + e.span().map_or(0, |span| text[..span.start].matches('\n').count());
+            let line = 1 + e
+                .span()
+                .map_or(0, |span| text[..span.start].matches('\n').count());
             CalibrationError::Syntax(format!("line {line}: {}", e.message()))
         })?;
         Self::fit(&file.points)
@@ -128,14 +132,28 @@ impl Calibration {
             return Err(CalibrationError::NotFinite(bad + 1));
         }
         let floor_from_image = homography(points)?;
-        let calibration = Self { floor_from_image, residual_px: 0.0 };
+        let calibration = Self {
+            floor_from_image,
+            residual_px: 0.0,
+        };
         let residuals = calibration.residuals_px(points)?;
         let rms_px = (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt();
-        let worst = residuals.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
+        let worst = residuals
+            .iter()
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(b.1))
+            .map_or(0, |(i, _)| i);
         if !(rms_px <= RESIDUAL_MAX_PX) {
-            return Err(CalibrationError::BadFit { rms_px, worst: worst + 1, worst_px: residuals[worst] });
+            return Err(CalibrationError::BadFit {
+                rms_px,
+                worst: worst + 1,
+                worst_px: residuals[worst],
+            });
         }
-        Ok(Self { residual_px: rms_px, ..calibration })
+        Ok(Self {
+            residual_px: rms_px,
+            ..calibration
+        })
     }
 
     /// Root mean square of the residuals, in pixels; zero for exactly four points.
@@ -161,8 +179,12 @@ impl Calibration {
             return None;
         }
         let at = [h.x / h.z, h.y / h.z];
-        let derivative = |row: usize, column: usize| (m[(row, column)] - at[row] * m[(2, column)]) / h.z;
-        let jacobian = [[derivative(0, 0), derivative(0, 1)], [derivative(1, 0), derivative(1, 1)]];
+        let derivative =
+            |row: usize, column: usize| (m[(row, column)] - at[row] * m[(2, column)]) / h.z;
+        let jacobian = [
+            [derivative(0, 0), derivative(0, 1)],
+            [derivative(1, 0), derivative(1, 1)],
+        ];
         Some(FloorPoint { at, jacobian })
     }
 
@@ -176,8 +198,12 @@ impl Calibration {
                 if jacobian.determinant() >= 0.0 {
                     return Err(CalibrationError::Mirrored);
                 }
-                let error_m = Vector2::new(floor.at[0] - pair.floor[0], floor.at[1] - pair.floor[1]);
-                let error_px = jacobian.try_inverse().ok_or(CalibrationError::Degenerate(0.0))? * error_m;
+                let error_m =
+                    Vector2::new(floor.at[0] - pair.floor[0], floor.at[1] - pair.floor[1]);
+                let error_px = jacobian
+                    .try_inverse()
+                    .ok_or(CalibrationError::Degenerate(0.0))?
+                    * error_m;
                 Ok(error_px.norm())
             })
             .collect()
@@ -207,7 +233,10 @@ impl FloorPoint {
     pub fn covariance(&self, variance_px2: f64) -> [[f64; 2]; 2] {
         let [[a, b], [c, d]] = self.jacobian;
         let xy = variance_px2 * (a * c + b * d);
-        [[variance_px2 * (a * a + b * b), xy], [xy, variance_px2 * (c * c + d * d)]]
+        [
+            [variance_px2 * (a * a + b * b), xy],
+            [xy, variance_px2 * (c * c + d * d)],
+        ]
     }
 }
 
@@ -221,7 +250,10 @@ fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, CalibrationError> {
         let from = image.transform_point(&Point2::from(pair.pixel));
         let to = floor.transform_point(&Point2::from(pair.floor));
         let (x, y, u, v) = (from.x, from.y, to.x, to.y);
-        let rows = [[x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y, -u], [0.0, 0.0, 0.0, x, y, 1.0, -v * x, -v * y, -v]];
+        let rows = [
+            [x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y, -u],
+            [0.0, 0.0, 0.0, x, y, 1.0, -v * x, -v * y, -v],
+        ];
         for (row, coefficients) in rows.iter().enumerate() {
             for (column, &coefficient) in coefficients.iter().enumerate() {
                 equations[(2 * i + row, column)] = coefficient;
@@ -232,10 +264,15 @@ fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, CalibrationError> {
     let mut order: Vec<usize> = (0..9).collect();
     order.sort_by(|&a, &b| svd.singular_values[b].total_cmp(&svd.singular_values[a]));
     let independence = svd.singular_values[order[7]] / svd.singular_values[order[0]];
-    let v_t = svd.v_t.filter(|_| independence >= INDEPENDENCE_MIN).ok_or(CalibrationError::Degenerate(independence))?;
+    let v_t = svd
+        .v_t
+        .filter(|_| independence >= INDEPENDENCE_MIN)
+        .ok_or(CalibrationError::Degenerate(independence))?;
     let solution = v_t.row(order[8]);
     let normalised = Matrix3::from_fn(|row, column| solution[3 * row + column]);
-    let back = floor.try_inverse().ok_or(CalibrationError::Degenerate(0.0))?;
+    let back = floor
+        .try_inverse()
+        .ok_or(CalibrationError::Degenerate(0.0))?;
     let map = back * normalised * image;
     // The scale is free: let the first point be on the positive side of the horizon.
     let [x, y] = points[0].pixel;
@@ -247,16 +284,30 @@ fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, CalibrationError> {
 }
 
 /// Moves points to the origin and scales their mean distance from it to √2.
-fn normalisation(points: impl Iterator<Item = [f64; 2]> + Clone) -> Result<Matrix3<f64>, CalibrationError> {
+fn normalisation(
+    points: impl Iterator<Item = [f64; 2]> + Clone,
+) -> Result<Matrix3<f64>, CalibrationError> {
     let n = points.clone().count() as f64;
-    let sum = points.clone().fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
+    let sum = points
+        .clone()
+        .fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
     let [x, y] = sum.map(|s| s / n);
     let distance = points.map(|p| (p[0] - x).hypot(p[1] - y)).sum::<f64>() / n;
     if distance <= f64::EPSILON {
         return Err(CalibrationError::Degenerate(0.0));
     }
     let scale = std::f64::consts::SQRT_2 / distance;
-    Ok(Matrix3::new(scale, 0.0, -scale * x, 0.0, scale, -scale * y, 0.0, 0.0, 1.0))
+    Ok(Matrix3::new(
+        scale,
+        0.0,
+        -scale * x,
+        0.0,
+        scale,
+        -scale * y,
+        0.0,
+        0.0,
+        1.0,
+    ))
 }
 
 #[cfg(test)]
@@ -271,7 +322,13 @@ mod tests {
     }
 
     fn pairs(pixels: &[[f64; 2]]) -> Vec<PointPair> {
-        pixels.iter().map(|&pixel| PointPair { pixel, floor: floor_of(pixel) }).collect()
+        pixels
+            .iter()
+            .map(|&pixel| PointPair {
+                pixel,
+                floor: floor_of(pixel),
+            })
+            .collect()
     }
 
     const CORNERS: [[f64; 2]; 4] = [[20.0, 30.0], [600.0, 40.0], [610.0, 450.0], [15.0, 460.0]];
@@ -281,15 +338,26 @@ mod tests {
         let calibration = Calibration::fit(&pairs(&CORNERS)).expect("a good fit");
         let floor = calibration.to_floor([320.0, 240.0]).expect("on the floor");
         let expected = floor_of([320.0, 240.0]);
-        assert!((floor.at[0] - expected[0]).abs() < 1e-9 && (floor.at[1] - expected[1]).abs() < 1e-9);
+        assert!(
+            (floor.at[0] - expected[0]).abs() < 1e-9 && (floor.at[1] - expected[1]).abs() < 1e-9
+        );
         assert!(calibration.residual_px() < 1e-6);
     }
 
     #[test]
     fn a_heading_down_the_picture_points_along_minus_y() {
         let scale = |[x, y]: [f64; 2]| [0.01 * x, -0.01 * y];
-        let points: Vec<_> = CORNERS.iter().map(|&pixel| PointPair { pixel, floor: scale(pixel) }).collect();
-        let floor = Calibration::fit(&points).expect("a good fit").to_floor([100.0, 100.0]).expect("on the floor");
+        let points: Vec<_> = CORNERS
+            .iter()
+            .map(|&pixel| PointPair {
+                pixel,
+                floor: scale(pixel),
+            })
+            .collect();
+        let floor = Calibration::fit(&points)
+            .expect("a good fit")
+            .to_floor([100.0, 100.0])
+            .expect("on the floor");
         let (heading, growth) = floor.heading(std::f64::consts::FRAC_PI_2);
         assert!((heading + std::f64::consts::FRAC_PI_2).abs() < 1e-9);
         assert!((growth - 1.0).abs() < 1e-9);
@@ -300,15 +368,32 @@ mod tests {
 
     #[test]
     fn useless_points_are_refused_with_numbers() {
-        let message = |points: &[PointPair]| Calibration::fit(points).expect_err("useless").to_string();
-        assert_eq!(message(&pairs(&CORNERS[..3])), "calibration: 3 points are given, at least 4 are needed");
-        let line: Vec<[f64; 2]> = (0..6).map(|i| [100.0 * f64::from(i), 50.0 * f64::from(i)]).collect();
+        let message =
+            |points: &[PointPair]| Calibration::fit(points).expect_err("useless").to_string();
+        assert_eq!(
+            message(&pairs(&CORNERS[..3])),
+            "calibration: 3 points are given, at least 4 are needed"
+        );
+        let line: Vec<[f64; 2]> = (0..6)
+            .map(|i| [100.0 * f64::from(i), 50.0 * f64::from(i)])
+            .collect();
         assert!(message(&pairs(&line)).contains("determine no map"));
         assert!(message(&pairs(&[CORNERS[0]; 5])).contains("determine no map"));
 
-        let mut wrong = pairs(&[CORNERS[0], CORNERS[1], CORNERS[2], CORNERS[3], [300.0, 200.0], [200.0, 350.0]]);
+        let mut wrong = pairs(&[
+            CORNERS[0],
+            CORNERS[1],
+            CORNERS[2],
+            CORNERS[3],
+            [300.0, 200.0],
+            [200.0, 350.0],
+        ]);
         wrong[4].floor[0] += 0.5;
-        assert!(message(&wrong).contains("do not fit together"), "{}", message(&wrong));
+        assert!(
+            message(&wrong).contains("do not fit together"),
+            "{}",
+            message(&wrong)
+        );
 
         let mut mirrored = pairs(&CORNERS);
         mirrored.iter_mut().for_each(|p| p.floor[1] = -p.floor[1]);
@@ -323,11 +408,19 @@ mod tests {
     fn a_file_is_read_and_its_mistakes_are_named() {
         let mut text = String::new();
         for pair in pairs(&CORNERS) {
-            text += &format!("[[points]]\npixel = {:?}\nfloor = {:?}\n", pair.pixel, pair.floor);
+            text += &format!(
+                "[[points]]\npixel = {:?}\nfloor = {:?}\n",
+                pair.pixel, pair.floor
+            );
         }
         assert!(Calibration::from_toml(&text).is_ok());
-        let error = Calibration::from_toml(&text.replacen("floor", "flor", 1)).expect_err("a typing error").to_string();
-        assert!(error.starts_with("calibration: line 3: unknown field `flor`"), "{error}");
+        let error = Calibration::from_toml(&text.replacen("floor", "flor", 1))
+            .expect_err("a typing error")
+            .to_string();
+        assert!(
+            error.starts_with("calibration: line 3: unknown field `flor`"),
+            "{error}"
+        );
     }
 
     proptest! {

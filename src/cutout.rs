@@ -153,7 +153,11 @@ fn figure_on_plate<'a>(
     plate: &[u8],
     scratch: PlateScratch<'a>,
 ) -> Option<Figure<'a>> {
-    let PlateScratch { grey, dark, spare, spans,
+    let PlateScratch {
+        grey,
+        dark,
+        spare,
+        spans,
         isoline,
     } = scratch;
     let size = bounds.size();

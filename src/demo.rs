@@ -16,7 +16,7 @@ use crate::marker;
 use crate::raster::Vertex;
 use crate::reference::PLATE;
 use crate::render::{Appearance, Layer, Renderer};
-use crate::source::{Next, SourceInfo};
+use crate::source::{Next, Slot, SourceInfo};
 
 /// Frames per second.
 pub const RATE_HZ: f64 = 30.0;
@@ -187,17 +187,12 @@ impl Demo {
         }
     }
 
-    /// The empty floor.
-    #[must_use]
-    pub fn background(&self) -> Picture {
-        self.floor.background()
-    }
-
-    /// Draws the next frame and waits until it is due.
-    pub fn next(&mut self, frame: &mut Frame) -> Next {
-        self.floor.render(self.sequence, frame);
+    /// Draws the next frame and waits until it is due. The first one comes with the empty floor.
+    pub fn next(&mut self, slot: &mut Slot) -> Next {
+        self.floor.render(self.sequence, &mut slot.frame);
+        slot.background = (self.sequence == 0).then(|| self.floor.background());
         self.sequence += 1;
-        let due = self.started + Duration::from_nanos(frame.stamp_ns);
+        let due = self.started + Duration::from_nanos(slot.frame.stamp_ns);
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
         Next::Frame
     }

@@ -1,12 +1,14 @@
 //! From the mask to detections: every shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3 of the paper).
 
 use fourier::contour::region;
-use imgproc::contour::{Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity};
+use imgproc::contour::{
+    Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
+};
 use imgproc::{Bounds, Point, Size};
 
 use crate::cutout::{Cutout, CutoutScratch, contour_capacity, find_figures};
 use crate::frame::Picture;
-use crate::marker::{Family, RecognitionSettings, Recognised};
+use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::outline::{Outline, simplified};
 
 /// Most detections of one frame.
@@ -74,14 +76,16 @@ impl Detector {
         let mut from = 0;
         while let Some(start) = next_shape(mask, self.size, from) {
             from = usize::from(start.y) * self.size.width + usize::from(start.x);
-            let contour = follow_contour(mask, self.size, start, &mut self.contour).map(<[Point]>::len);
+            let contour =
+                follow_contour(mask, self.size, start, &mut self.contour).map(<[Point]>::len);
             let removed = remove_shape(mask, self.size, start, &mut self.spans);
             if removed.area < area_min_px2 {
                 continue;
             }
             match contour {
                 Ok(len) if self.detections.len() < MAX_DETECTIONS => {
-                    overflow += self.detect_in_shape(len, removed.bounds, picture, family, settings);
+                    overflow +=
+                        self.detect_in_shape(len, removed.bounds, picture, family, settings);
                 }
                 _ => overflow += 1,
             }
@@ -119,7 +123,10 @@ impl Detector {
                 let [x, y] = marker.centre;
                 self.detections.push(Detection {
                     marker: Some(marker),
-                    centre: [f64::from(x) + f64::from(around.left), f64::from(y) + f64::from(around.top)],
+                    centre: [
+                        f64::from(x) + f64::from(around.left),
+                        f64::from(y) + f64::from(around.top),
+                    ],
                     variance_px2: f64::from(marker.centre_sigma_px).powi(2),
                     size_px: f64::from(marker.plate_px),
                     outline,
@@ -128,7 +135,8 @@ impl Detector {
         });
         if !found {
             self.polygon.clear();
-            self.polygon.extend(contour.iter().map(|p| [f32::from(p.x), f32::from(p.y)]));
+            self.polygon
+                .extend(contour.iter().map(|p| [f32::from(p.x), f32::from(p.y)]));
             let region = region(&self.polygon);
             self.detections.push(Detection {
                 marker: None,
@@ -148,7 +156,11 @@ fn crop_grey(picture: &Picture, bounds: Bounds, grey: &mut [u8]) {
     for (y, grey) in grey.chunks_exact_mut(width).enumerate() {
         let start = (usize::from(bounds.top) + y) * picture.size.width + usize::from(bounds.left);
         let row = start..start + width;
-        let (red, green, blue) = (&picture.red[row.clone()], &picture.green[row.clone()], &picture.blue[row]);
+        let (red, green, blue) = (
+            &picture.red[row.clone()],
+            &picture.green[row.clone()],
+            &picture.blue[row],
+        );
         for (((grey, &r), &g), &b) in grey.iter_mut().zip(red).zip(green).zip(blue) {
             *grey = ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8;
         }

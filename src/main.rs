@@ -1,3 +1,56 @@
-//! overcam: the command line program.
+//! The `overcam` program: parse, run, exit status.
 
-fn main() {}
+use std::io::Write;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::Context;
+use clap::Parser;
+use overcam::cli::{Cli, Command};
+use overcam::run::{Completion, run};
+use overcam::{devices, recover, watch};
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+/// Finished, but frames were lost from the recording.
+const FRAMES_LOST: u8 = 3;
+
+fn main() -> ExitCode {
+    match execute(&Cli::parse()) {
+        Ok(Completion::Done) => ExitCode::SUCCESS,
+        Ok(Completion::FramesLost) => ExitCode::from(FRAMES_LOST),
+        Err(error) => {
+            eprintln!("overcam: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn execute(cli: &Cli) -> anyhow::Result<Completion> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // A second Ctrl-C ends the program at once, should the first one not be heard.
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
+            .context("signals")?;
+        signal_hook::flag::register(signal, Arc::clone(&stop)).context("signals")?;
+    }
+    let mut out = std::io::stdout().lock();
+    match &cli.command {
+        None => return run(&cli.run, &stop, &mut out),
+        Some(Command::Devices) => devices::list(&mut out)?,
+        Some(Command::Watch { service, frames }) => {
+            watch::watch(service, *frames, &stop, &mut out)?
+        }
+        Some(Command::Recover { file, output }) => {
+            let report = recover::recover(file, output)?;
+            let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);
+            let damaged = report.damaged;
+            writeln!(
+                out,
+                "{}: {images} frames, {seconds:.2} s; {damaged} damaged records left out",
+                output.display()
+            )?;
+        }
+    }
+    Ok(Completion::Done)
+}

@@ -244,7 +244,8 @@ impl Family {
         let descriptor = describe(&resample(figure.contour), ORIENTATION_MIN).ok()?;
         let (marker, reference, found) = self.nearest(&descriptor)?;
         let plate_px = descriptor.size_px * reference.plate_per_size;
-        let plate_area = figure.plate_area_px2 as f32 / figure.region.area / reference.plate_area_per_figure;
+        let plate_area =
+            figure.plate_area_px2 as f32 / figure.region.area / reference.plate_area_per_figure;
         let size_fits = (settings.plate_min_px..=settings.plate_max_px).contains(&plate_px);
         if found.distance > settings.distance_max || !size_fits || plate_area < PLATE_AREA_MIN {
             return None;
@@ -253,13 +254,22 @@ impl Family {
         let [dx, dy] = reference.centre_from_figure.map(|d| d * descriptor.size_px);
         let [x, y] = figure.region.centre;
         let centre = [x + cos * dx - sin * dy, y + sin * dx + cos * dy];
-        let place = Placement { centre, turn_rad: found.turn_rad, plate_px };
-        if self.markers[marker].pattern.agreement(place, cutout, figure.split.threshold) < settings.pattern_min {
+        let place = Placement {
+            centre,
+            turn_rad: found.turn_rad,
+            plate_px,
+        };
+        if self.markers[marker]
+            .pattern
+            .agreement(place, cutout, figure.split.threshold)
+            < settings.pattern_min
+        {
             return None;
         }
         // What the reference does not explain is taken for noise of N independent points, by which their mean errs in either
         // axis, and the turn by as much over the size.
-        let sigma_px = descriptor.size_px * (found.distance / (2.0 * N as f32)).sqrt() + SIGMA_FLOOR_PX;
+        let sigma_px =
+            descriptor.size_px * (found.distance / (2.0 * N as f32)).sqrt() + SIGMA_FLOOR_PX;
         Some(Recognised {
             marker,
             centre,
@@ -279,7 +289,9 @@ impl Family {
             .enumerate()
             .flat_map(|(index, marker)| marker.references.iter().map(move |sizes| (index, sizes)))
             .filter_map(|(index, sizes)| Some((index, nearest_size(sizes, descriptor.size_px)?)))
-            .map(|(index, reference)| (index, reference, compare(descriptor, &reference.descriptor)))
+            .map(|(index, reference)| {
+                (index, reference, compare(descriptor, &reference.descriptor))
+            })
             .min_by(|(.., a), (.., b)| a.distance.total_cmp(&b.distance))
     }
 }
@@ -287,7 +299,9 @@ impl Family {
 /// The reference whose size is nearest, as a ratio.
 fn nearest_size(references: &[Reference], size_px: f32) -> Option<&Reference> {
     let ratio = |r: &&Reference| (r.descriptor.size_px / size_px).ln().abs();
-    references.iter().min_by(|a, b| ratio(a).total_cmp(&ratio(b)))
+    references
+        .iter()
+        .min_by(|a, b| ratio(a).total_cmp(&ratio(b)))
 }
 
 /// A bare plate's area for that of its figure, against the reference: less means that the plate is not whole.
@@ -310,18 +324,33 @@ impl Marker {
                     Ok(reference) => sizes.push(reference),
                     // On a small plate, blur may take a marker's orientation or all of it.
                     Err(_) if plate_px < CLEAR_PLATE_PX => {}
-                    Err(NoReference::Unseen) => return Err(FamilyError::Unseen { name: name(), plate_px }),
+                    Err(NoReference::Unseen) => {
+                        return Err(FamilyError::Unseen {
+                            name: name(),
+                            plate_px,
+                        });
+                    }
                     Err(NoReference::Orientation(elongation)) => {
-                        return Err(FamilyError::NoOrientation { name: name(), elongation });
+                        return Err(FamilyError::NoOrientation {
+                            name: name(),
+                            elongation,
+                        });
                     }
                 }
             }
             references.push(sizes);
         }
-        let marker = Self { name: name(), references, pattern: Pattern::learn(drawing) };
+        let marker = Self {
+            name: name(),
+            references,
+            pattern: Pattern::learn(drawing),
+        };
         let elongation = marker.clearest().elongation();
         if elongation < ELONGATION_MIN {
-            return Err(FamilyError::NoOrientation { name: name(), elongation });
+            return Err(FamilyError::NoOrientation {
+                name: name(),
+                elongation,
+            });
         }
         Ok(marker)
     }
@@ -422,7 +451,16 @@ mod tests {
                     height: 56,
                 };
                 let centre = [27.3 + 0.1 * step as f32, 28.8];
-                let grey = render(&drawing, size, Placement { centre, turn_rad: turn, plate_px: 30.0 }, 0.7);
+                let grey = render(
+                    &drawing,
+                    size,
+                    Placement {
+                        centre,
+                        turn_rad: turn,
+                        plate_px: 30.0,
+                    },
+                    0.7,
+                );
                 let cutout = Cutout {
                     size,
                     grey: &grey,

@@ -25,7 +25,10 @@ impl Outline {
 /// The polygon that keeps within [`TOLERANCE_PX`] of a closed contour, or within as much more as [`CAPACITY`] needs (Douglas and
 /// Peucker 1973). Its corners are points of the contour, in the contour's order, the first one among them.
 pub(crate) fn simplified(contour: &[Point]) -> Outline {
-    let mut outline = Outline { points: [[0.0; 2]; CAPACITY], len: 0 };
+    let mut outline = Outline {
+        points: [[0.0; 2]; CAPACITY],
+        len: 0,
+    };
     let mut tolerance = TOLERANCE_PX;
     while !simplify_within(contour, tolerance, &mut outline) {
         tolerance *= 1.5;
@@ -77,9 +80,15 @@ fn farthest(contour: &[Point], from: usize, to: usize) -> Option<(usize, f32)> {
     let distance = |i: usize| {
         let p = at(i);
         let (px, py) = (p[0] - a[0], p[1] - a[1]);
-        if length > 0.0 { (px * dy - py * dx).abs() / length } else { px.hypot(py) }
+        if length > 0.0 {
+            (px * dy - py * dx).abs() / length
+        } else {
+            px.hypot(py)
+        }
     };
-    (from + 1..to).map(|i| (i, distance(i))).max_by(|a, b| a.1.total_cmp(&b.1))
+    (from + 1..to)
+        .map(|i| (i, distance(i)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 #[cfg(test)]
@@ -90,14 +99,20 @@ mod tests {
         let along = 0..side;
         let mut points: Vec<Point> = along.clone().map(|i| Point { x: i, y: 0 }).collect();
         points.extend(along.clone().map(|i| Point { x: side, y: i }));
-        points.extend(along.clone().map(|i| Point { x: side - i, y: side }));
+        points.extend(along.clone().map(|i| Point {
+            x: side - i,
+            y: side,
+        }));
         points.extend(along.map(|i| Point { x: 0, y: side - i }));
         points
     }
 
     #[test]
     fn a_square_has_four_corners() {
-        assert_eq!(simplified(&square(20)).points(), [[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]]);
+        assert_eq!(
+            simplified(&square(20)).points(),
+            [[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]]
+        );
     }
 
     #[test]
@@ -107,7 +122,12 @@ mod tests {
 
     #[test]
     fn a_comb_of_a_thousand_teeth_still_fits() {
-        let comb: Vec<Point> = (0..4000).map(|i| Point { x: i / 2, y: 300 + 40 * u16::from(i % 4 > 1) }).collect();
+        let comb: Vec<Point> = (0..4000)
+            .map(|i| Point {
+                x: i / 2,
+                y: 300 + 40 * u16::from(i % 4 > 1),
+            })
+            .collect();
         let outline = simplified(&comb);
         assert!((1..=CAPACITY).contains(&outline.points().len()));
     }

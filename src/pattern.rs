@@ -32,18 +32,32 @@ impl Pattern {
     /// The pattern of a drawing.
     pub(crate) fn learn(drawing: &Drawing) -> Self {
         let side = ACROSS * CELL;
-        let size = Size { width: side, height: side };
+        let size = Size {
+            width: side,
+            height: side,
+        };
         let middle = (side as f32 - 1.0) / 2.0;
         let mut coverage = vec![0.0; size.area()];
-        fill_polygon(&placed(&drawing.outline, [middle, middle], 0.0, side as f32), size, &mut coverage);
+        fill_polygon(
+            &placed(&drawing.outline, [middle, middle], 0.0, side as f32),
+            size,
+            &mut coverage,
+        );
         let mut points = Vec::new();
         // The outermost points lie where the plate ends and blur mixes in what is outside.
-        for (row, column) in (1..ACROSS - 1).flat_map(|row| (1..ACROSS - 1).map(move |column| (row, column))) {
-            let pixel = |i: usize| coverage[(row * CELL + i / CELL) * side + column * CELL + i % CELL];
+        for (row, column) in
+            (1..ACROSS - 1).flat_map(|row| (1..ACROSS - 1).map(move |column| (row, column)))
+        {
+            let pixel =
+                |i: usize| coverage[(row * CELL + i / CELL) * side + column * CELL + i % CELL];
             let covered = (0..CELL * CELL).map(pixel).sum::<f32>() / (CELL * CELL) as f32;
             if !(0.01..=0.99).contains(&covered) {
-                let at = [column, row].map(|i| ((i * CELL + CELL / 2) as f32 - middle) / side as f32);
-                points.push(PatternPoint { at, dark: covered > 0.5 });
+                let at =
+                    [column, row].map(|i| ((i * CELL + CELL / 2) as f32 - middle) / side as f32);
+                points.push(PatternPoint {
+                    at,
+                    dark: covered > 0.5,
+                });
             }
         }
         Self { points }
@@ -58,7 +72,9 @@ impl Pattern {
             let x = (place.centre[0] + cos * u - sin * v).round();
             let y = (place.centre[1] + sin * u + cos * v).round();
             let inside = x >= 0.0 && y >= 0.0 && x < width && y < height;
-            inside && (f32::from(cutout.grey[y as usize * cutout.size.width + x as usize]) < threshold) == point.dark
+            inside
+                && (f32::from(cutout.grey[y as usize * cutout.size.width + x as usize]) < threshold)
+                    == point.dark
         };
         self.points.iter().filter(agrees).count() as f32 / self.points.len().max(1) as f32
     }

@@ -74,7 +74,12 @@ impl Pipeline {
         family: Family,
         calibration: Option<Calibration>,
     ) -> Self {
-        let tracking = tracking(size, rate_hz.unwrap_or(RATE_HZ), &settings, calibration.as_ref());
+        let tracking = tracking(
+            size,
+            rate_hz.unwrap_or(RATE_HZ),
+            &settings,
+            calibration.as_ref(),
+        );
         Self {
             tracking,
             family,
@@ -123,7 +128,11 @@ impl Pipeline {
             }
         };
 
-        let mask = segmenter.segment(&self.picture, &self.settings.difference(), self.settings.threshold);
+        let mask = segmenter.segment(
+            &self.picture,
+            &self.settings.difference(),
+            self.settings.threshold,
+        );
         let (detections, overflow) = self.detector.detect(
             mask,
             &self.picture,
@@ -140,13 +149,19 @@ impl Pipeline {
                 self.seen.push(index);
             }
         }
-        let update = self.tracker.update(slot.frame.stamp_ns, &self.observations, &self.tracking);
+        let update = self
+            .tracker
+            .update(slot.frame.stamp_ns, &self.observations, &self.tracking);
 
         let scene = &mut *slot.scene;
         scene.sequence = slot.frame.sequence;
         scene.stamp_ns = slot.frame.stamp_ns;
         scene.published_ns = 0;
-        scene.frame = if calibration.is_some() { scene::FRAME_FLOOR } else { scene::FRAME_IMAGE };
+        scene.frame = if calibration.is_some() {
+            scene::FRAME_FLOOR
+        } else {
+            scene::FRAME_IMAGE
+        };
         scene.n_overflow = overflow + update.overflow as u32;
         scene.n_objects = 0;
         for (object, track) in scene.objects.iter_mut().zip(self.tracker.tracks()) {
@@ -160,13 +175,23 @@ impl Pipeline {
         }
         scene.objects[scene.n_objects as usize..].fill(Object::EMPTY);
         self.sizes.clear();
-        self.sizes.extend(scene.objects().iter().map(|object| (object.track, object.size)));
+        self.sizes.extend(
+            scene
+                .objects()
+                .iter()
+                .map(|object| (object.track, object.size)),
+        );
         Ok(Outcome::Scene)
     }
 }
 
 /// Settings of the tracker, in the unit of the scene.
-fn tracking(size: Size, rate_hz: f64, settings: &Settings, calibration: Option<&Calibration>) -> predict::Settings {
+fn tracking(
+    size: Size,
+    rate_hz: f64,
+    settings: &Settings,
+    calibration: Option<&Calibration>,
+) -> predict::Settings {
     let width = size.width as f64;
     let frames_per_step = (FORECAST_STEP_S * rate_hz).round().max(1.0);
     let in_pixels = predict::Settings {
@@ -194,23 +219,45 @@ fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<O
     });
     let Some(calibration) = calibration else {
         let [x, y] = detection.centre;
-        return Some(Observation { x, y, covariance: [[variance, 0.0], [0.0, variance]], heading, marker });
+        return Some(Observation {
+            x,
+            y,
+            covariance: [[variance, 0.0], [0.0, variance]],
+            heading,
+            marker,
+        });
     };
     let floor = on_floor(calibration, detection.centre)?;
     let heading = heading.map(|heading| {
         let (rad, growth) = floor.heading(heading.rad);
-        Heading { rad, variance: heading.variance * growth * growth }
+        Heading {
+            rad,
+            variance: heading.variance * growth * growth,
+        }
     });
     let [x, y] = floor.at;
-    Some(Observation { x, y, covariance: floor.covariance(variance), heading, marker })
+    Some(Observation {
+        x,
+        y,
+        covariance: floor.covariance(variance),
+        heading,
+        marker,
+    })
 }
 
 fn on_floor(calibration: &Calibration, pixel: [f64; 2]) -> Option<FloorPoint> {
-    calibration.to_floor(pixel).filter(|floor| floor.at.iter().all(|c| c.abs() < FLOOR_MAX_M))
+    calibration
+        .to_floor(pixel)
+        .filter(|floor| floor.at.iter().all(|c| c.abs() < FLOOR_MAX_M))
 }
 
 /// A track as a subscriber reads it.
-fn report(track: &Track, detection: Option<&Detection>, family: &Family, calibration: Option<&Calibration>) -> Object {
+fn report(
+    track: &Track,
+    detection: Option<&Detection>,
+    family: &Family,
+    calibration: Option<&Calibration>,
+) -> Object {
     let mut object = Object::EMPTY;
     object.track = track.id();
     [object.x, object.y] = track.position();
@@ -232,13 +279,25 @@ fn report(track: &Track, detection: Option<&Detection>, family: &Family, calibra
         object.covariance[2][2] = heading.variance;
     }
     if let Some(detection) = detection {
-        let metres = |c: &Calibration| on_floor(c, detection.centre).map_or(0.0, |floor| floor.metres_per_px());
+        let metres = |c: &Calibration| {
+            on_floor(c, detection.centre).map_or(0.0, |floor| floor.metres_per_px())
+        };
         object.size = detection.size_px * calibration.map_or(1.0, metres);
         outline(detection, calibration, &mut object);
     }
     for (point, forecast) in object.forecast.iter_mut().zip(track.forecast()) {
-        let predict::ForecastPoint { dt_s, x, y, covariance } = *forecast;
-        *point = ForecastPoint { dt_s, x, y, covariance };
+        let predict::ForecastPoint {
+            dt_s,
+            x,
+            y,
+            covariance,
+        } = *forecast;
+        *point = ForecastPoint {
+            dt_s,
+            x,
+            y,
+            covariance,
+        };
         object.n_forecast += 1;
     }
     object

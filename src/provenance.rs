@@ -14,6 +14,7 @@ use imgproc::Size;
 
 use crate::frame::PixelFormat;
 use crate::image_message::ImageMode;
+use crate::marker::MarkerFile;
 use crate::source::SourceInfo;
 
 /// Name of the metadata record that makes an MCAP file a recording of overcam.
@@ -51,15 +52,6 @@ pub struct Provenance {
     pub calibration: Option<String>,
     /// Homography from pixels to metres on the floor, row by row, when the results are in metres.
     pub floor_from_image: Option<[[f64; 3]; 3]>,
-}
-
-/// One marker drawing.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct MarkerFile {
-    /// Name of the marker: the file's name without `.svg`.
-    pub name: String,
-    /// The drawing, as SVG text.
-    pub svg: String,
 }
 
 /// What the metadata record says about the frames.

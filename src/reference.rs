@@ -50,7 +50,11 @@ pub(crate) enum NoReference {
 
 impl Reference {
     /// Mean over all turns of what is measured on a rendered plate.
-    pub(crate) fn learn(drawing: &Drawing, plate_px: f32, blur_px: f32) -> Result<Self, NoReference> {
+    pub(crate) fn learn(
+        drawing: &Drawing,
+        plate_px: f32,
+        blur_px: f32,
+    ) -> Result<Self, NoReference> {
         let upright = measure(drawing, plate_px, blur_px, 0.0)?;
         let mut coefficients = [Complex32::default(); N];
         let (mut size_px, mut orientation, mut area, mut plate_area) = (0.0, 0.0, 0.0, 0.0);
@@ -110,7 +114,12 @@ struct Measured {
 }
 
 /// Renders a plate and measures it as a live frame is measured.
-fn measure(drawing: &Drawing, plate_px: f32, blur_px: f32, turn_rad: f32) -> Result<Measured, NoReference> {
+fn measure(
+    drawing: &Drawing,
+    plate_px: f32,
+    blur_px: f32,
+    turn_rad: f32,
+) -> Result<Measured, NoReference> {
     let side = (plate_px * 1.5) as usize + 8;
     let size = Size {
         width: side,
@@ -121,7 +130,11 @@ fn measure(drawing: &Drawing, plate_px: f32, blur_px: f32, turn_rad: f32) -> Res
         side as f32 / 2.0 + 0.3 * turn_rad.cos(),
         side as f32 / 2.0 + 0.3 * turn_rad.sin(),
     ];
-    let place = Placement { centre, turn_rad, plate_px };
+    let place = Placement {
+        centre,
+        turn_rad,
+        plate_px,
+    };
     let grey = render(drawing, size, place, blur_px);
     let cutout = Cutout {
         size,
@@ -194,4 +207,3 @@ pub(crate) fn placed(
     };
     outline.iter().map(place).collect()
 }
-

@@ -3,14 +3,15 @@
 //! Median, difference from the empty floor, threshold on the 3x3 sum, opening, closing. The picture of the empty floor is
 //! given, or learned here from the first frames.
 
+use imgproc::Size;
 use imgproc::background::median_of_frames;
 use imgproc::difference::{
-    Colour, DifferenceSettings, HueSaturationLightness, HueSaturationLightnessMut, difference, hue_saturation_lightness,
+    Colour, DifferenceSettings, HueSaturationLightness, HueSaturationLightnessMut, difference,
+    hue_saturation_lightness,
 };
 use imgproc::median::median_3x3;
 use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::threshold::window_threshold;
-use imgproc::Size;
 
 use crate::frame::Picture;
 
@@ -72,14 +73,25 @@ impl Segmenter {
     /// # Panics
     ///
     /// When the picture has another size than the floor.
-    pub(crate) fn segment(&mut self, picture: &Picture, settings: &DifferenceSettings, threshold: u16) -> &mut [u8] {
+    pub(crate) fn segment(
+        &mut self,
+        picture: &Picture,
+        settings: &DifferenceSettings,
+        threshold: u16,
+    ) -> &mut [u8] {
         denoise(picture, &mut self.denoised);
         let floor = HueSaturationLightness {
             towards_red: &self.towards_red,
             towards_green: &self.towards_green,
             lightness: &self.lightness,
         };
-        difference(colour(&self.denoised), floor, self.size, &mut self.difference, settings);
+        difference(
+            colour(&self.denoised),
+            floor,
+            self.size,
+            &mut self.difference,
+            settings,
+        );
         window_threshold(&self.difference, self.size, &mut self.mask, threshold);
         open_3x3(&mut self.mask, self.size, &mut self.scratch);
         close_3x3(&mut self.mask, self.size, &mut self.scratch);
@@ -94,7 +106,11 @@ fn denoise(picture: &Picture, out: &mut Picture) {
 }
 
 fn colour(picture: &Picture) -> Colour<'_> {
-    Colour { red: &picture.red, green: &picture.green, blue: &picture.blue }
+    Colour {
+        red: &picture.red,
+        green: &picture.green,
+        blue: &picture.blue,
+    }
 }
 
 /// Learns the empty floor: the median of each pixel over a number of frames.
@@ -116,7 +132,15 @@ impl Learner {
         let stride = frames.div_ceil(LEARNING_FRAMES_MAX);
         let capacity = size.area() * frames.div_ceil(stride) as usize;
         let plane = || Vec::with_capacity(capacity);
-        Self { size, frames, seen: 0, stride, red: plane(), green: plane(), blue: plane() }
+        Self {
+            size,
+            frames,
+            seen: 0,
+            stride,
+            red: plane(),
+            green: plane(),
+            blue: plane(),
+        }
     }
 
     /// Takes a frame; after the last one, returns the floor.
@@ -125,7 +149,10 @@ impl Learner {
     ///
     /// When the picture has another size.
     pub(crate) fn add(&mut self, picture: &Picture) -> Option<Picture> {
-        assert_eq!(picture.size, self.size, "a frame to learn from has another size");
+        assert_eq!(
+            picture.size, self.size,
+            "a frame to learn from has another size"
+        );
         if self.seen.is_multiple_of(self.stride) {
             self.red.extend_from_slice(&picture.red);
             self.green.extend_from_slice(&picture.green);
@@ -146,12 +173,24 @@ impl Learner {
 mod tests {
     use super::*;
 
-    const SIZE: Size = Size { width: 16, height: 12 };
-    const SETTINGS: DifferenceSettings = DifferenceSettings { shadow: 0.4, glare: 0.1, noise: 6 };
+    const SIZE: Size = Size {
+        width: 16,
+        height: 12,
+    };
+    const SETTINGS: DifferenceSettings = DifferenceSettings {
+        shadow: 0.4,
+        glare: 0.1,
+        noise: 6,
+    };
 
     fn grey(level: u8) -> Picture {
         let plane = vec![level; SIZE.area()];
-        Picture { size: SIZE, red: plane.clone(), green: plane.clone(), blue: plane }
+        Picture {
+            size: SIZE,
+            red: plane.clone(),
+            green: plane.clone(),
+            blue: plane,
+        }
     }
 
     #[test]
@@ -173,7 +212,9 @@ mod tests {
     #[test]
     fn learning_keeps_a_bounded_number_of_frames() {
         let mut learner = Learner::new(SIZE, 200);
-        let floors: Vec<_> = (0..200).filter_map(|i| learner.add(&grey(if i % 3 == 0 { 250 } else { 90 }))).collect();
+        let floors: Vec<_> = (0..200)
+            .filter_map(|i| learner.add(&grey(if i % 3 == 0 { 250 } else { 90 })))
+            .collect();
         assert_eq!(floors, [grey(90)]);
         assert!(learner.red.len() <= LEARNING_FRAMES_MAX as usize * SIZE.area());
     }

@@ -62,7 +62,11 @@ impl Default for Settings {
 impl Settings {
     /// The part that the background difference needs.
     pub(crate) fn difference(&self) -> DifferenceSettings {
-        DifferenceSettings { shadow: self.shadow, glare: self.glare, noise: self.noise }
+        DifferenceSettings {
+            shadow: self.shadow,
+            glare: self.glare,
+            noise: self.noise,
+        }
     }
 
     /// The part that recognition needs.

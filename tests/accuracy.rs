@@ -12,9 +12,20 @@ fn family() -> Family {
 }
 
 /// Runs the demo through a pipeline and hands each scene to `check` with the truth.
-fn run(frames: u64, seed: u64, calibration: Option<Calibration>, mut check: impl FnMut(&scene::Scene, &[Truth])) {
+fn run(
+    frames: u64,
+    seed: u64,
+    calibration: Option<Calibration>,
+    mut check: impl FnMut(&scene::Scene, &[Truth]),
+) {
     let mut floor = Floor::new(NATURAL_SIZE, seed);
-    let mut pipeline = Pipeline::new(NATURAL_SIZE, Some(RATE_HZ), Settings::default(), family(), calibration);
+    let mut pipeline = Pipeline::new(
+        NATURAL_SIZE,
+        Some(RATE_HZ),
+        Settings::default(),
+        family(),
+        calibration,
+    );
     let mut slot = Slot::empty();
     slot.background = Some(floor.background());
     for sequence in 0..frames {
@@ -40,30 +51,44 @@ struct Errors {
 fn the_demo_floor_is_found_as_it_is() {
     const FRAMES: u64 = 400;
     let mut errors = std::collections::BTreeMap::<&str, Errors>::new();
-    let (mut obstacles, mut obstacles_found, mut false_markers, mut objects_too_many) = (0, 0, 0, 0);
+    let (mut obstacles, mut obstacles_found, mut false_markers, mut objects_too_many) =
+        (0, 0, 0, 0);
     run(FRAMES, 1, None, |scene, truth| {
         for real in truth {
-            let near = |object: &&scene::Object| (object.x - real.x).hypot(object.y - real.y) < 12.0;
+            let near =
+                |object: &&scene::Object| (object.x - real.x).hypot(object.y - real.y) < 12.0;
             let Some(name) = real.marker else {
                 obstacles += 1;
-                obstacles_found += u32::from(scene.objects().iter().any(|o| near(&o) && o.marker_name().is_none()));
+                obstacles_found += u32::from(
+                    scene
+                        .objects()
+                        .iter()
+                        .any(|o| near(&o) && o.marker_name().is_none()),
+                );
                 continue;
             };
             let errors = errors.entry(name).or_default();
             errors.plate_px = real.plate_px;
             errors.frames += 1;
-            let found = scene.objects().iter().find(|o| near(o) && o.observed() && o.marker_name() == Some(name));
+            let found = scene
+                .objects()
+                .iter()
+                .find(|o| near(o) && o.observed() && o.marker_name() == Some(name));
             if let Some((object, heading)) = found.and_then(|o| Some((o, o.heading()?))) {
                 errors.found += 1;
                 errors.centre_px2 += (object.x - real.x).powi(2) + (object.y - real.y).powi(2);
-                errors.heading_deg2 += f64::from(fourier::wrapped((heading - real.heading_rad) as f32).to_degrees()).powi(2);
+                errors.heading_deg2 +=
+                    f64::from(fourier::wrapped((heading - real.heading_rad) as f32).to_degrees())
+                        .powi(2);
             }
         }
         for object in scene.objects() {
             let is_real = |real: &Truth| {
-                real.marker == object.marker_name() && (object.x - real.x).hypot(object.y - real.y) < real.radius_px
+                real.marker == object.marker_name()
+                    && (object.x - real.x).hypot(object.y - real.y) < real.radius_px
             };
-            false_markers += u32::from(object.marker_name().is_some() && !truth.iter().any(is_real));
+            false_markers +=
+                u32::from(object.marker_name().is_some() && !truth.iter().any(is_real));
         }
         objects_too_many += scene.objects().len().saturating_sub(truth.len());
     });
@@ -71,12 +96,17 @@ fn the_demo_floor_is_found_as_it_is() {
     for (name, e) in &errors {
         let (found, n) = (f64::from(e.found) / f64::from(e.frames), f64::from(e.found));
         let (centre, heading) = ((e.centre_px2 / n).sqrt(), (e.heading_deg2 / n).sqrt());
-        println!("{name:10} {:5} {found:6.3} {centre:10.4} {heading:12.3}", e.plate_px);
+        println!(
+            "{name:10} {:5} {found:6.3} {centre:10.4} {heading:12.3}",
+            e.plate_px
+        );
         assert!(found >= 0.98, "{name} is found in {found} of the frames");
         assert!(centre <= 0.25, "{name} is {centre} px off");
         assert!(heading <= 1.5, "{name} is {heading} degrees off");
     }
-    println!("obstacles found {obstacles_found} of {obstacles}, false markers {false_markers}, objects too many {objects_too_many}");
+    println!(
+        "obstacles found {obstacles_found} of {obstacles}, false markers {false_markers}, objects too many {objects_too_many}"
+    );
     assert_eq!(obstacles_found, obstacles);
     assert_eq!(false_markers, 0);
     assert_eq!(objects_too_many, 0);
@@ -89,9 +119,18 @@ fn tracks_keep_their_numbers_and_forecasts_come_true() {
     let (mut squares, mut n) = (0.0, 0);
     run(240, 3, None, |scene, truth| {
         for object in scene.objects() {
-            let Some(name) = object.marker_name() else { continue };
-            let name = truth.iter().find_map(|t| t.marker.filter(|m| *m == name)).expect("a marker of the demo");
-            assert_eq!(*tracks.entry(name).or_insert(object.track), object.track, "{name} changed its track");
+            let Some(name) = object.marker_name() else {
+                continue;
+            };
+            let name = truth
+                .iter()
+                .find_map(|t| t.marker.filter(|m| *m == name))
+                .expect("a marker of the demo");
+            assert_eq!(
+                *tracks.entry(name).or_insert(object.track),
+                object.track,
+                "{name} changed its track"
+            );
             for forecast in object.forecast().iter().filter(|_| scene.sequence >= 30) {
                 let due = scene.stamp_ns as f64 * 1e-9 + forecast.dt_s;
                 if forecast.dt_s < 0.21 && name == "arrow" {
@@ -118,8 +157,16 @@ fn tracks_keep_their_numbers_and_forecasts_come_true() {
 
 #[test]
 fn with_a_calibration_everything_is_in_metres() {
-    let corner = |x: f64, y: f64| PointPair { pixel: [x, y], floor: [0.005 * x, 2.4 - 0.005 * y] };
-    let points = [corner(0.0, 0.0), corner(639.0, 0.0), corner(639.0, 479.0), corner(0.0, 479.0)];
+    let corner = |x: f64, y: f64| PointPair {
+        pixel: [x, y],
+        floor: [0.005 * x, 2.4 - 0.005 * y],
+    };
+    let points = [
+        corner(0.0, 0.0),
+        corner(639.0, 0.0),
+        corner(639.0, 479.0),
+        corner(0.0, 479.0),
+    ];
     let calibration = Calibration::fit(&points).expect("a good fit");
     run(40, 5, Some(calibration), |scene, truth| {
         assert_eq!(scene.frame, scene::FRAME_FLOOR);
@@ -131,11 +178,18 @@ fn with_a_calibration_everything_is_in_metres() {
             if let Some(heading) = object.heading() {
                 let error = fourier::wrapped((heading + real.heading_rad) as f32);
                 assert!(error.abs() < 0.1, "a heading turns over with the y axis");
-                assert!((object.size - 0.005 * real.plate_px).abs() < 0.01, "{} m", object.size);
+                assert!(
+                    (object.size - 0.005 * real.plate_px).abs() < 0.01,
+                    "{} m",
+                    object.size
+                );
                 assert!(object.covariance[0][0] < 1e-4 && object.covariance[0][0] > 0.0);
             }
             let forecast = object.forecast().last().expect("a forecast");
-            assert!((forecast.x - object.x).hypot(forecast.y - object.y) < 0.6, "metres, not pixels");
+            assert!(
+                (forecast.x - object.x).hypot(forecast.y - object.y) < 0.6,
+                "metres, not pixels"
+            );
         }
     });
 }

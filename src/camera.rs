@@ -1,0 +1,629 @@
+//! A V4L2 camera as a source: what to ask it for, whether it really gave that, and which of its buffers are frames.
+//!
+//! # Frames
+//!
+//! A buffer that is flagged as damaged, too short or no whole JPEG picture is skipped and counted. Frames that the driver had
+//! no buffer for are found by gaps in its count. Padding at the end of rows is removed. A frame's moment is the kernel's stamp,
+//! or the moment at which the buffer is taken if the driver's stamps are not on the monotonic clock.
+//!
+//! # Deliberately absent
+//!
+//! Controls (exposure, white balance, focus): `v4l2-ctl` sets them better and lastingly. Multi-planar capture, which only
+//! camera interfaces of embedded boards have. Reconnection: a camera that was unplugged may have been moved, and the picture of
+//! the empty floor would be wrong.
+
+use std::io;
+use std::ops::Range;
+use std::path::Path;
+use std::time::Duration;
+
+use imgproc::Size;
+
+use crate::frame::{Frame, MAX_SIDE, PixelFormat};
+use crate::jpeg;
+use crate::negotiation::{DEFAULT_RATE_HZ, choose_or_explain, interval, text};
+use crate::source::{Next, SourceInfo};
+use crate::v4l2::{self, Device, FailedCall, Filled, Fraction, Ready, Stream};
+
+/// Buffers asked for. With four, one can be copied and one filled while two wait for a thread that was not scheduled in time.
+const N_BUFFERS: u32 = 4;
+/// How long one call of [`Camera::next`] waits for a frame.
+const WAIT: Duration = Duration::from_millis(100);
+/// A camera that delivers nothing for so long has stalled. The slowest start seen is about two seconds.
+const STALL: Duration = Duration::from_secs(5);
+
+/// `V4L2_COLORSPACE_JPEG`, and `V4L2_QUANTIZATION_` as it is stated.
+const COLORSPACE_JPEG: u32 = 7;
+const QUANTIZATION_DEFAULT: u32 = 0;
+const QUANTIZATION_FULL_RANGE: u32 = 1;
+
+/// What the user wants of a camera. `None` leaves the choice to [`Camera::open`].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Wish {
+    /// Size of the frames.
+    pub size: Option<Size>,
+    /// Frames per second; the camera gives the nearest that it can.
+    pub rate_hz: Option<f64>,
+    /// Layout of the frames.
+    pub format: Option<PixelFormat>,
+}
+
+/// What a camera delivered that did not become a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames that the driver had no buffer for, or that were lost on the way to it.
+    pub lost_by_driver: u64,
+    /// Buffers that were damaged or too short.
+    pub faulty: u64,
+}
+
+/// Why a camera cannot be used, or can no longer.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// There is no such file.
+    #[error("{path}: no such camera: `overcam devices` lists those that are there")]
+    Missing {
+        /// The node.
+        path: String,
+    },
+    /// The file is not a device.
+    #[error("{path}: not a camera but a file or folder: `overcam devices` lists the cameras")]
+    NotADevice {
+        /// The node.
+        path: String,
+    },
+    /// The user may not open the node.
+    #[error(
+        "{path}: no permission: join the group that owns it \
+         (`sudo usermod -aG video $USER`, then log in again)"
+    )]
+    Permission {
+        /// The node.
+        path: String,
+    },
+    /// Another program captures from the camera.
+    #[error("{path}: in use by another program: end that one (`fuser {path}` names it)")]
+    Busy {
+        /// The node.
+        path: String,
+    },
+    /// The node does not capture video, or not in a way that is read here.
+    #[error("{path}: not a camera: it {what}: `overcam devices` lists the cameras")]
+    NotACamera {
+        /// The node and its card.
+        path: String,
+        /// What it does instead.
+        what: &'static str,
+    },
+    /// The camera does not offer a format that is read here or the one that was wished.
+    #[error("{path}: does not offer {wished}: it offers {offered}")]
+    Format {
+        /// The node and its card.
+        path: String,
+        /// What was looked for.
+        wished: String,
+        /// All the camera's formats.
+        offered: String,
+    },
+    /// The camera does not offer the wished size.
+    #[error("{path}: does not offer {}x{} pixels: it offers {offered}", size.width, size.height)]
+    Size {
+        /// The node and its card.
+        path: String,
+        /// What was wished.
+        size: Size,
+        /// The camera's sizes, or the one it would give.
+        offered: String,
+    },
+    /// The driver states a layout of frames that cannot be.
+    #[error(
+        "{path}: its driver states {bytes_per_line} bytes a row and {size_image} a frame for \
+         {}x{} pixels in {format:?}: try another format or size",
+        size.width, size.height
+    )]
+    Layout {
+        /// The node and its card.
+        path: String,
+        /// Format of the frames.
+        format: PixelFormat,
+        /// Size of the frames.
+        size: Size,
+        /// From one row to the next.
+        bytes_per_line: usize,
+        /// Of a buffer.
+        size_image: usize,
+    },
+    /// Another request failed.
+    #[error("{path}: {call} failed: {source}: unplug the camera and plug it in again")]
+    Call {
+        /// The node and its card.
+        path: String,
+        /// Name of the request.
+        call: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The camera was unplugged or its driver gave up.
+    #[error(
+        "{path}: the camera is gone after {n_frames} frames ({source}): check its cable, then start again"
+    )]
+    Gone {
+        /// The node and its card.
+        path: String,
+        /// Frames delivered before.
+        n_frames: u64,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// No usable frame has come for a while.
+    #[error(
+        "{path}: no frame for {seconds} s, after {n_frames} frames and {faulty} damaged ones: \
+         is something sending to it, and is its cable good?"
+    )]
+    Stalled {
+        /// The node and its card.
+        path: String,
+        /// How long.
+        seconds: u64,
+        /// Frames delivered before.
+        n_frames: u64,
+        /// Damaged ones before and since.
+        faulty: u64,
+    },
+}
+
+/// A camera that is capturing.
+#[derive(Debug)]
+pub struct Camera {
+    stream: Stream,
+    info: SourceInfo,
+    full_range: bool,
+    /// Bytes of the pixels within a buffer, row by row; none for JPEG.
+    rows: Vec<Range<usize>>,
+    numbers: Numbers,
+    n_frames: u64,
+    faulty: u64,
+    /// When the last frame came, or the start.
+    last_frame_ns: u64,
+}
+
+impl Camera {
+    /// Opens a node such as `/dev/video0`, agrees on format, size and rate, and starts capturing.
+    ///
+    /// # Errors
+    ///
+    /// [`CameraError`] when the node is no camera, cannot be used now or does not offer what is wished.
+    pub fn open(path: &Path, wish: &Wish) -> Result<Self, CameraError> {
+        let device = open_device(path)?;
+        let (device, name) = check_capture(device, path)?;
+        let choice = choose_or_explain(&device, &name, wish)?;
+        let call_failed = |failed| call_error(&name, path, failed);
+        let given = device
+            .set_format(choice.fourcc, choice.size)
+            .map_err(|source| {
+                call_failed(FailedCall {
+                    call: "VIDIOC_S_FMT",
+                    source,
+                })
+            })?;
+        let size = Size {
+            width: given.width as usize,
+            height: given.height as usize,
+        };
+        if given.pixel_format != choice.fourcc {
+            return Err(CameraError::Format {
+                path: name,
+                wished: text(choice.fourcc),
+                offered: format!("{} at this size", text(given.pixel_format)),
+            });
+        }
+        let is_possible =
+            (1..=MAX_SIDE).contains(&size.width) && (1..=MAX_SIDE).contains(&size.height);
+        if wish.size.is_some_and(|wished| wished != size) || !is_possible {
+            return Err(CameraError::Size {
+                path: name,
+                size: choice.size,
+                offered: format!("{}x{}", size.width, size.height),
+            });
+        }
+        let (bytes_per_line, size_image) =
+            (given.bytes_per_line as usize, given.size_image as usize);
+        let rows = rows(choice.format, size, bytes_per_line)
+            .filter(|rows| rows.last().is_none_or(|last| last.end <= size_image))
+            .ok_or_else(|| CameraError::Layout {
+                path: name.clone(),
+                format: choice.format,
+                size,
+                bytes_per_line,
+                size_image,
+            })?;
+        let rate_hz = wish.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+        let rate_hz = device
+            .set_interval(interval(rate_hz))
+            .map(Fraction::rate_hz);
+        let stream = Stream::start(device, N_BUFFERS).map_err(call_failed)?;
+        Ok(Self {
+            stream,
+            info: SourceInfo {
+                name,
+                size,
+                format: choice.format,
+                rate_hz,
+                live: true,
+            },
+            full_range: match given.quantization {
+                QUANTIZATION_DEFAULT => given.colorspace == COLORSPACE_JPEG,
+                stated => stated == QUANTIZATION_FULL_RANGE,
+            },
+            rows,
+            numbers: Numbers::default(),
+            n_frames: 0,
+            faulty: 0,
+            last_frame_ns: v4l2::monotonic_ns(),
+        })
+    }
+
+    /// What was agreed on. The rate is the one that the camera states, whatever was wished.
+    #[must_use]
+    pub fn info(&self) -> SourceInfo {
+        self.info.clone()
+    }
+
+    /// What did not become a frame so far.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        Counters {
+            lost_by_driver: self.numbers.lost,
+            faulty: self.faulty,
+        }
+    }
+
+    /// Waits up to 100 ms for a frame. A frame's sequence number counts lost and damaged ones too.
+    ///
+    /// # Errors
+    ///
+    /// [`CameraError::Gone`] when the camera was unplugged, [`CameraError::Stalled`] when it has delivered nothing usable for
+    /// five seconds, [`CameraError::Call`] when its driver fails otherwise. The camera delivers nothing afterwards.
+    pub fn next(&mut self, frame: &mut Frame) -> Result<Next, CameraError> {
+        let ready = self.stream.wait(WAIT).map_err(|error| self.gone(error))?;
+        if ready == Ready::No {
+            return self.nothing();
+        }
+        let filled = match self.stream.take() {
+            Ok(Some(filled)) => filled,
+            Ok(None) if ready == Ready::Failed => {
+                return Err(self.gone(io::Error::other("it hung up")));
+            }
+            Ok(None) => return self.nothing(),
+            Err(error) => return Err(self.gone(error)),
+        };
+        let now_ns = v4l2::monotonic_ns();
+        frame.sequence = self.numbers.next(filled.sequence);
+        frame.stamp_ns = filled.stamp_ns.unwrap_or(now_ns);
+        let is_whole = !filled.is_faulty && self.copy(&filled, &mut frame.bytes);
+        self.stream
+            .give_back(filled)
+            .map_err(|failed| self.gone(failed.source))?;
+        if !is_whole {
+            self.faulty += 1;
+            return self.nothing();
+        }
+        frame.format = self.info.format;
+        frame.full_range = self.full_range;
+        frame.size = self.info.size;
+        self.n_frames += 1;
+        self.last_frame_ns = now_ns;
+        Ok(Next::Frame)
+    }
+
+    /// Copies the pixels of a buffer; `false` if they are not all there.
+    fn copy(&self, filled: &Filled, bytes: &mut Vec<u8>) -> bool {
+        bytes.clear();
+        let Some(last) = self.rows.last() else {
+            self.stream.append_to(filled, 0..filled.bytes_used, bytes);
+            return jpeg::size(bytes) == Ok(self.info.size);
+        };
+        if filled.bytes_used < last.end {
+            return false;
+        }
+        for row in &self.rows {
+            self.stream.append_to(filled, row.clone(), bytes);
+        }
+        true
+    }
+
+    fn nothing(&self) -> Result<Next, CameraError> {
+        let silent_ns = v4l2::monotonic_ns().saturating_sub(self.last_frame_ns);
+        if silent_ns < STALL.as_nanos() as u64 {
+            return Ok(Next::Nothing);
+        }
+        Err(CameraError::Stalled {
+            path: self.info.name.clone(),
+            seconds: STALL.as_secs(),
+            n_frames: self.n_frames,
+            faulty: self.faulty,
+        })
+    }
+
+    fn gone(&self, source: io::Error) -> CameraError {
+        CameraError::Gone {
+            path: self.info.name.clone(),
+            n_frames: self.n_frames,
+            source,
+        }
+    }
+}
+
+/// What a node with these capabilities does instead of capturing video, if it does not.
+pub(crate) fn not_capturing(capabilities: u32) -> Option<&'static str> {
+    if capabilities & v4l2::CAP_CAPTURE != 0 {
+        return (capabilities & v4l2::CAP_STREAMING == 0).then_some("cannot stream");
+    }
+    Some(match capabilities {
+        planes if planes & v4l2::CAP_CAPTURE_PLANES != 0 => {
+            "delivers each plane in a buffer of its own, which is not supported"
+        }
+        output if output & v4l2::CAP_OUTPUT != 0 => "puts video out, and nothing sends to it yet",
+        metadata if metadata & v4l2::CAP_METADATA != 0 => "delivers metadata, not pictures",
+        _ => "does not capture video",
+    })
+}
+
+pub(crate) fn open_device(path: &Path) -> Result<Device, CameraError> {
+    Device::open(path).map_err(|source| {
+        let path = path.display().to_string();
+        match source.kind() {
+            io::ErrorKind::NotFound => CameraError::Missing { path },
+            io::ErrorKind::InvalidInput => CameraError::NotADevice { path },
+            io::ErrorKind::PermissionDenied => CameraError::Permission { path },
+            io::ErrorKind::ResourceBusy => CameraError::Busy { path },
+            _ => CameraError::Call {
+                path,
+                call: "open",
+                source,
+            },
+        }
+    })
+}
+
+/// The device and its name, if it captures video.
+fn check_capture(device: Device, path: &Path) -> Result<(Device, String), CameraError> {
+    let path = path.display();
+    let (name, what) = match device.card() {
+        Ok(card) => {
+            let name = format!("{path} ({})", card.name);
+            (name, not_capturing(card.capabilities))
+        }
+        // The kernel's answer of anything that has nothing to do with video.
+        Err(_) => (path.to_string(), Some("is no video device")),
+    };
+    match what {
+        None => Ok((device, name)),
+        Some(what) => Err(CameraError::NotACamera { path: name, what }),
+    }
+}
+
+fn call_error(name: &str, path: &Path, failed: FailedCall) -> CameraError {
+    match failed.source.kind() {
+        io::ErrorKind::ResourceBusy => CameraError::Busy {
+            path: path.display().to_string(),
+        },
+        _ => CameraError::Call {
+            path: name.to_owned(),
+            call: failed.call,
+            source: failed.source,
+        },
+    }
+}
+
+/// Where the pixels lie in a buffer whose rows are `bytes_per_line` bytes apart (0: without padding): one range for each row,
+/// or a single one if there is no padding, in the order of [`PixelFormat`]. No ranges for JPEG. `None` if rows overlap.
+fn rows(format: PixelFormat, size: Size, bytes_per_line: usize) -> Option<Vec<Range<usize>>> {
+    let Size { width, height } = size;
+    let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
+    // Bytes of a row, rows, and how often the first plane's distance between rows contains this plane's.
+    let planes: &[(usize, usize, usize)] = match format {
+        PixelFormat::Grey => &[(width, height, 1)],
+        PixelFormat::Rgb => &[(3 * width, height, 1)],
+        PixelFormat::Yuyv | PixelFormat::Uyvy => &[(4 * half_width, height, 1)],
+        PixelFormat::Nv12 => &[(width, height, 1), (2 * half_width, half_height, 1)],
+        PixelFormat::I420 => {
+            let chroma = (half_width, half_height, 2);
+            &[(width, height, 1), chroma, chroma]
+        }
+        PixelFormat::I422 => {
+            let chroma = (half_width, height, 2);
+            &[(width, height, 1), chroma, chroma]
+        }
+        PixelFormat::I444 => &[(width, height, 1), (width, height, 1), (width, height, 1)],
+        PixelFormat::Jpeg => return Some(Vec::new()),
+    };
+    let is_padded = |&(row_bytes, _, part): &(usize, usize, usize)| {
+        bytes_per_line != 0 && bytes_per_line / part != row_bytes
+    };
+    if !planes.iter().any(is_padded) {
+        return format.frame_bytes(size).map(|bytes| Vec::from([0..bytes]));
+    }
+    let mut rows = Vec::new();
+    let mut start = 0;
+    for &(row_bytes, n_rows, part) in planes {
+        let distance = bytes_per_line / part;
+        if distance < row_bytes {
+            return None;
+        }
+        rows.extend(
+            (0..n_rows).map(|row| start + row * distance..start + row * distance + row_bytes),
+        );
+        start += n_rows * distance;
+    }
+    Some(rows)
+}
+
+/// Frame numbers that count lost frames, made from a driver's 32-bit count.
+#[derive(Debug, Default)]
+struct Numbers {
+    /// The driver's count and ours of the last buffer, and whether it was the first.
+    last: Option<(u32, u64, bool)>,
+    lost: u64,
+}
+
+impl Numbers {
+    /// The number of the next buffer, from 0.
+    ///
+    /// The step from the first buffer to the second is always taken as one: v4l2loopback gives the first a count of 0 and the
+    /// others their place since the sender's start. A count that stands still or goes back is no count, and taken as one too.
+    fn next(&mut self, count: u32) -> u64 {
+        let Some((last_count, last_number, was_first)) = self.last else {
+            self.last = Some((count, 0, true));
+            return 0;
+        };
+        let step = match count.wrapping_sub(last_count) {
+            step @ 1..=0x7fff_ffff if !was_first => u64::from(step),
+            _ => 1,
+        };
+        let number = last_number + step;
+        self.lost += step - 1;
+        self.last = Some((count, number, false));
+        number
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn size(width: usize, height: usize) -> Size {
+        Size { width, height }
+    }
+
+    #[test]
+    fn padding_is_left_out() {
+        // 4x2 pixels, 6 bytes from row to row.
+        assert_eq!(
+            rows(PixelFormat::Grey, size(4, 2), 6),
+            Some(vec![0..4, 6..10])
+        );
+        assert_eq!(
+            rows(PixelFormat::Nv12, size(4, 2), 6),
+            Some(vec![0..4, 6..10, 12..16])
+        );
+        assert_eq!(
+            rows(PixelFormat::I420, size(4, 2), 8),
+            Some(vec![0..4, 8..12, 16..18, 20..22])
+        );
+        assert_eq!(
+            rows(PixelFormat::Yuyv, size(2, 2), 8),
+            Some(vec![0..4, 8..12])
+        );
+    }
+
+    #[test]
+    fn rows_without_padding_are_one_piece() {
+        for (format, _, bytes_per_line) in [
+            (PixelFormat::Grey, 1, 4),
+            (PixelFormat::Rgb, 3, 12),
+            (PixelFormat::Uyvy, 2, 8),
+            (PixelFormat::Nv12, 1, 4),
+            (PixelFormat::I420, 1, 4),
+            (PixelFormat::I422, 1, 4),
+            (PixelFormat::I444, 1, 0),
+        ] {
+            let bytes = format.frame_bytes(size(4, 2)).expect("raw");
+            assert_eq!(
+                rows(format, size(4, 2), bytes_per_line),
+                Some(Vec::from([0..bytes]))
+            );
+        }
+        assert_eq!(rows(PixelFormat::Jpeg, size(4, 2), 0), Some(vec![]));
+    }
+
+    #[test]
+    fn the_rows_hold_a_whole_frame_whatever_the_padding() {
+        for (format, bytes_a_pixel) in [
+            (PixelFormat::Grey, 1),
+            (PixelFormat::Rgb, 3),
+            (PixelFormat::Yuyv, 2),
+            (PixelFormat::Nv12, 1),
+            (PixelFormat::I420, 1),
+        ] {
+            for padding in [0, 2, 64] {
+                let rows = rows(format, size(6, 5), 6 * bytes_a_pixel + padding).expect("possible");
+                let bytes = rows.iter().map(ExactSizeIterator::len).sum();
+                assert_eq!(format.frame_bytes(size(6, 5)), Some(bytes), "{format:?}");
+                assert!(rows.is_sorted_by(|a, b| a.end <= b.start));
+            }
+        }
+    }
+
+    #[test]
+    fn overlapping_rows_are_refused() {
+        assert_eq!(rows(PixelFormat::Rgb, size(4, 2), 11), None);
+        assert_eq!(rows(PixelFormat::Yuyv, size(5, 2), 10), None);
+    }
+
+    #[test]
+    fn numbers_count_what_is_lost() {
+        let mut numbers = Numbers::default();
+        let counts = [7, 8, 9, 12, 13];
+        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2, 5, 6]);
+        assert_eq!(numbers.lost, 2);
+    }
+
+    #[test]
+    fn the_drivers_count_wraps_around() {
+        let mut numbers = Numbers::default();
+        let counts = [u32::MAX - 2, u32::MAX - 1, u32::MAX, 0, 2];
+        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2, 3, 5]);
+        assert_eq!(numbers.lost, 1);
+    }
+
+    #[test]
+    fn a_first_count_of_zero_is_no_gap() {
+        let mut numbers = Numbers::default();
+        let counts = [0, 5_000_000, 5_000_001];
+        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2]);
+        assert_eq!(numbers.lost, 0);
+    }
+
+    #[test]
+    fn drivers_that_do_not_count_lose_nothing() {
+        let mut numbers = Numbers::default();
+        let counts = [0, 0, 0, 9, 3];
+        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2, 11, 12]);
+    }
+
+    #[test]
+    fn nodes_that_are_no_cameras_say_what_to_do() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let error = |path: &Path| {
+            let error = Camera::open(path, &Wish::default()).expect_err("no camera");
+            error.to_string()
+        };
+        for (path, part) in [
+            (folder.path(), "not a camera but a file or folder"),
+            (&folder.path().join("video7"), "no such camera"),
+            (Path::new("/dev/null"), "is no video device"),
+        ] {
+            let error = error(path);
+            assert!(error.starts_with(&path.display().to_string()), "{error}");
+            assert!(error.contains(part), "{error}");
+            assert!(error.contains("overcam devices"), "{error}");
+        }
+    }
+
+    #[test]
+    fn capabilities_say_what_a_node_does() {
+        let streaming = v4l2::CAP_STREAMING;
+        assert_eq!(not_capturing(v4l2::CAP_CAPTURE | streaming), None);
+        for (capabilities, part) in [
+            (v4l2::CAP_CAPTURE, "cannot stream"),
+            (v4l2::CAP_METADATA | streaming, "metadata"),
+            (0x2 | streaming, "puts video out"),
+            (v4l2::CAP_CAPTURE_PLANES | streaming, "buffer of its own"),
+            (0, "does not capture"),
+        ] {
+            let what = not_capturing(capabilities).expect("no capture");
+            assert!(what.contains(part), "{what}");
+        }
+    }
+}

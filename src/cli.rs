@@ -1,0 +1,186 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use imgproc::Size;
+
+use crate::camera::Wish;
+use crate::frame::PixelFormat;
+use crate::image_message::ImageMode;
+use crate::settings::Settings;
+
+/// One camera on the ceiling becomes a positioning service for everything on the floor.
+///
+/// Without arguments a built-in demo floor is shown; no camera is needed. Robots and targets with a printed marker get a pose,
+/// everything else is an obstacle with an outline, everything that moves gets a forecast.
+#[derive(Debug, Parser)]
+#[command(version, args_conflicts_with_subcommands = true)]
+#[command(
+    after_help = "Exit status: 0 done or stopped by Ctrl-C, 1 failed, 2 wrong arguments, 3 finished but frames were \
+                        lost from the recording."
+)]
+pub struct Cli {
+    /// What to do instead of locating.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// How to locate.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+/// Everything beside the main job.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// List the cameras with their formats, sizes and rates
+    Devices,
+    /// Print what a running overcam publishes, as --json would
+    Watch {
+        /// Name of the service
+        #[arg(long, default_value = scene::DEFAULT_SERVICE)]
+        service: String,
+        /// Stop after this many scenes
+        #[arg(long)]
+        frames: Option<u64>,
+    },
+    /// Rewrite what is readable of a recording that was cut off
+    Recover {
+        /// The recording
+        file: PathBuf,
+        /// The new file
+        #[arg(short, long)]
+        output: PathBuf,
+    },
+}
+
+/// Arguments of the main job. What is not given comes from the recording that is replayed, or is a default.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Camera node, .mcap recording, .y4m file, - for Y4M on standard input, folder of PNG/JPEG files, or demo
+    #[arg(long, default_value = "demo")]
+    pub device: String,
+    /// Size of the camera's frames, as 640x480
+    #[arg(long, value_parser = parse_size)]
+    pub size: Option<Size>,
+    /// Frames per second of the camera, or of a folder of pictures
+    #[arg(long)]
+    pub rate: Option<f64>,
+    /// Pixel format of the camera: yuyv, uyvy, nv12, grey, rgb or mjpg
+    #[arg(long, value_parser = parse_format)]
+    pub format: Option<PixelFormat>,
+    /// Record every frame and result into a new MCAP file
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
+    #[arg(long, value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub record_jpeg: Option<u8>,
+    /// Picture of the empty floor, PNG or JPEG
+    #[arg(long, value_name = "FILE", conflicts_with = "learn")]
+    pub background: Option<PathBuf>,
+    /// Learn the empty floor from the first N frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub learn: Option<u32>,
+    /// Folder of marker drawings (SVG) that replace the built-in ones
+    #[arg(long, value_name = "DIR")]
+    pub markers: Option<PathBuf>,
+    /// Points in pixels and metres (TOML): all results are then on the floor, in metres
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    /// Name of the shared-memory services
+    #[arg(long, default_value = scene::DEFAULT_SERVICE)]
+    pub service: String,
+    /// Do not publish in shared memory
+    #[arg(long)]
+    pub no_publish: bool,
+    /// Print one JSON object a frame on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Stop after N frames
+    #[arg(long, value_name = "N")]
+    pub frames: Option<u64>,
+    /// Least sum of the differences from the floor in a 3x3 window
+    #[arg(long, value_name = "SUM")]
+    pub threshold: Option<u16>,
+    /// Smallest object, in square pixels
+    #[arg(long, value_name = "PX2")]
+    pub area_min: Option<u32>,
+}
+
+impl RunArgs {
+    /// What a camera is asked for.
+    #[must_use]
+    pub fn wish(&self) -> Wish {
+        Wish {
+            size: self.size,
+            rate_hz: self.rate,
+            format: self.format,
+        }
+    }
+
+    /// How the recording stores frames.
+    #[must_use]
+    pub fn image_mode(&self) -> ImageMode {
+        self.record_jpeg
+            .map_or(ImageMode::Lossless, |quality| ImageMode::Jpeg { quality })
+    }
+
+    /// `settings`, as far as the arguments say nothing else.
+    #[must_use]
+    pub fn settings(&self, settings: Settings) -> Settings {
+        Settings {
+            learn: self.learn.unwrap_or(settings.learn),
+            threshold: self.threshold.unwrap_or(settings.threshold),
+            area_min: self.area_min.unwrap_or(settings.area_min),
+            ..settings
+        }
+    }
+}
+
+fn parse_size(text: &str) -> Result<Size, String> {
+    let (width, height) = text.split_once(['x', 'X']).ok_or("write it as 640x480")?;
+    let side = |text: &str| match text.parse::<usize>() {
+        Ok(side @ 16..=16_384) => Ok(side),
+        _ => Err("sides are whole numbers from 16 to 16384"),
+    };
+    Ok(Size {
+        width: side(width)?,
+        height: side(height)?,
+    })
+}
+
+fn parse_format(text: &str) -> Result<PixelFormat, &'static str> {
+    match text.to_lowercase().as_str() {
+        "yuyv" => Ok(PixelFormat::Yuyv),
+        "uyvy" => Ok(PixelFormat::Uyvy),
+        "nv12" => Ok(PixelFormat::Nv12),
+        "grey" | "gray" => Ok(PixelFormat::Grey),
+        "rgb" => Ok(PixelFormat::Rgb),
+        "mjpg" | "mjpeg" | "jpeg" => Ok(PixelFormat::Jpeg),
+        _ => Err("choose yuyv, uyvy, nv12, grey, rgb or mjpg"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes_are_read_and_checked() {
+        assert_eq!(
+            parse_size("640x480"),
+            Ok(Size {
+                width: 640,
+                height: 480
+            })
+        );
+        assert!(parse_size("640").is_err());
+        assert!(parse_size("0x480").is_err());
+        assert!(parse_size("640x99999").is_err());
+    }
+}

@@ -1,0 +1,183 @@
+//! What a run works with: arguments, the recording that is replayed, and defaults, in this order.
+
+use anyhow::{Context, bail};
+
+use crate::calibration::Calibration;
+use crate::cli::RunArgs;
+use crate::frame::Picture;
+use crate::marker::{Family, built_in_files, read_folder};
+use crate::pictures::read_picture;
+use crate::pipeline::Pipeline;
+use crate::provenance::Provenance;
+use crate::settings::Settings;
+use crate::source::{Slot, Source, SourceInfo};
+
+/// A pipeline, and what it was made from.
+#[derive(Debug)]
+pub(crate) struct Setup {
+    pub(crate) pipeline: Pipeline,
+    /// For the recording.
+    pub(crate) provenance: Provenance,
+    settings: Settings,
+    residual_px: Option<f64>,
+    background: Background,
+}
+
+/// Where the picture of the empty floor comes from.
+#[derive(Debug)]
+enum Background {
+    /// From the source, where it brings one; otherwise it is learned.
+    Source,
+    /// Learned, whatever the source brings.
+    Learned,
+    /// Given, and not yet handed to the pipeline.
+    Given(Picture),
+    /// Given, and handed over.
+    InUse,
+}
+
+impl Setup {
+    /// Reads and checks everything that the arguments and the source name.
+    pub(crate) fn new(args: &RunArgs, source: &Source) -> anyhow::Result<Self> {
+        let info = source.info();
+        let recorded = source.provenance();
+        let settings = match recorded {
+            Some(provenance) if !provenance.settings.is_empty() => {
+                toml::from_str(&provenance.settings)
+                    .with_context(|| format!("{}: its settings", args.device))?
+            }
+            _ => Settings::default(),
+        };
+        let settings = args.settings(settings);
+        let markers = match (&args.markers, recorded) {
+            (Some(folder), _) => read_folder(folder)?,
+            (None, Some(provenance)) if !provenance.markers.is_empty() => {
+                provenance.markers.clone()
+            }
+            _ => built_in_files(),
+        };
+        let calibration_text = match &args.calibration {
+            Some(path) => Some(std::fs::read_to_string(path).with_context(|| {
+                format!(
+                    "calibration {} cannot be read; name a TOML file with [[points]]",
+                    path.display()
+                )
+            })?),
+            None => recorded.and_then(|provenance| provenance.calibration.clone()),
+        };
+        let calibration = calibration_text
+            .as_deref()
+            .map(Calibration::from_toml)
+            .transpose()?;
+        let provenance = Provenance {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            source: info.name.clone(),
+            settings: toml::to_string(&settings).context("settings")?,
+            calibration: calibration_text,
+            floor_from_image: calibration.as_ref().map(Calibration::floor_from_image),
+            markers,
+        };
+        let family = Family::from_files(&provenance.markers)?;
+        let residual_px = calibration.as_ref().map(Calibration::residual_px);
+        Ok(Self {
+            pipeline: Pipeline::new(info.size, info.rate_hz, settings, family, calibration),
+            provenance,
+            settings,
+            residual_px,
+            background: Background::new(args, source)?,
+        })
+    }
+
+    /// Decides whose background a slot brings to the pipeline.
+    pub(crate) fn choose_background(&mut self, slot: &mut Slot) {
+        self.background = match std::mem::replace(&mut self.background, Background::InUse) {
+            Background::Source => Background::Source,
+            Background::Learned => {
+                slot.background = None;
+                Background::Learned
+            }
+            Background::Given(picture) => {
+                slot.background = Some(picture);
+                Background::InUse
+            }
+            Background::InUse => {
+                slot.background = None;
+                Background::InUse
+            }
+        };
+    }
+
+    /// Says on standard error what the run does and where its results are.
+    pub(crate) fn announce(&self, args: &RunArgs, info: &SourceInfo) {
+        let rate = info
+            .rate_hz
+            .map_or(String::new(), |rate| format!(" at {rate:.4} frames/s"));
+        let (width, height) = (info.size.width, info.size.height);
+        eprintln!(
+            "overcam: {}, {width} x {height}, {:?}{rate}",
+            info.name, info.format
+        );
+        let names: Vec<&str> = self
+            .provenance
+            .markers
+            .iter()
+            .map(|marker| marker.name.as_str())
+            .collect();
+        eprintln!(
+            "overcam: looking for {} markers: {}",
+            names.len(),
+            names.join(", ")
+        );
+        if let Some(residual) = self.residual_px {
+            eprintln!(
+                "overcam: positions are in metres on the floor; the calibration's residual is {residual:.2} px"
+            );
+        }
+        if matches!(self.background, Background::Learned) {
+            eprintln!(
+                "overcam: learning the empty floor from the first {} frames; results start after them",
+                self.settings.learn
+            );
+        }
+        if !args.no_publish {
+            let service = &args.service;
+            eprintln!(
+                "overcam: publishing on {service}{}; see it with: overcam watch --service {service}",
+                scene::SERVICE_SUFFIX
+            );
+        }
+        if let Some(path) = &args.record {
+            eprintln!("overcam: recording to {}", path.display());
+        }
+    }
+}
+
+impl Background {
+    fn new(args: &RunArgs, source: &Source) -> anyhow::Result<Self> {
+        let Some(path) = &args.background else {
+            let comes_with_frames = match source {
+                Source::Demo(_) => true,
+                Source::Recording(recording) => !recording.provenance().version.is_empty(),
+                _ => false,
+            };
+            return Ok(if comes_with_frames && args.learn.is_none() {
+                Self::Source
+            } else {
+                Self::Learned
+            });
+        };
+        let picture = read_picture(path)?;
+        let frames = source.info().size;
+        if picture.size != frames {
+            bail!(
+                "background {}: it is {} x {}, but the frames are {} x {}; take it with the same camera settings",
+                path.display(),
+                picture.size.width,
+                picture.size.height,
+                frames.width,
+                frames.height
+            );
+        }
+        Ok(Self::Given(picture))
+    }
+}

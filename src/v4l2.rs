@@ -1,0 +1,784 @@
+//! The kernel's video interface (V4L2): structures, calls and mapped buffers, as safe functions.
+//!
+//! The only file of the project with `unsafe`. It knows what the kernel says and nothing of what to make of it; that is
+//! [`crate::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture, no controls, no
+//! outputs, no requests.
+//!
+//! Structures are those of `linux/videodev2.h` on 64-bit machines. Unions are written as their one member that is used here, so
+//! that no union has to be read. Their sizes, the offsets that matter and the request numbers are compared with the kernel's
+//! when this file is compiled.
+//!
+//! Source: Linux Media Subsystem Documentation, part "Video for Linux API".
+#![allow(unsafe_code)]
+
+use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::marker::PhantomData;
+use std::mem::{offset_of, size_of};
+use std::ops::Range;
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+use std::ptr;
+use std::time::Duration;
+
+use imgproc::Size;
+
+/// Four characters that name a pixel layout.
+pub(crate) type FourCc = [u8; 4];
+
+/// `device_caps`: the node captures video in one plane, in several planes, puts video out, captures metadata, streams.
+pub(crate) const CAP_CAPTURE: u32 = 0x0000_0001;
+pub(crate) const CAP_CAPTURE_PLANES: u32 = 0x0000_1000;
+pub(crate) const CAP_OUTPUT: u32 = 0x0000_0002 | 0x0000_2000;
+pub(crate) const CAP_METADATA: u32 = 0x0080_0000;
+pub(crate) const CAP_STREAMING: u32 = 0x0400_0000;
+/// `capabilities`: the member `device_caps` is filled.
+const CAP_DEVICE_CAPS: u32 = 0x8000_0000;
+
+const TYPE_VIDEO_CAPTURE: u32 = 1;
+const MEMORY_MMAP: u32 = 1;
+const FIELD_NONE: u32 = 1;
+/// Set in a stream parameter's `capability`: its `timeperframe` means something.
+const CAP_TIME_PER_FRAME: u32 = 0x1000;
+const KIND_DISCRETE: u32 = 1;
+
+const BUFFER_ERROR: u32 = 0x0000_0040;
+const BUFFER_CLOCK_MASK: u32 = 0x0000_e000;
+const BUFFER_CLOCK_MONOTONIC: u32 = 0x0000_2000;
+
+/// Most entries that are read from one of the kernel's lists: a driver that never ends a list must not hang the program.
+const MAX_LISTED: u32 = 256;
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct Capability {
+    driver: [u8; 16],
+    card: [u8; 32],
+    bus_info: [u8; 32],
+    version: u32,
+    capabilities: u32,
+    device_caps: u32,
+    reserved: [u32; 3],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct FormatDescription {
+    index: u32,
+    kind: u32,
+    flags: u32,
+    description: [u8; 32],
+    pixel_format: FourCc,
+    mbus_code: u32,
+    reserved: [u32; 3],
+}
+
+/// Layout of the frames that a camera delivers.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct PixFormat {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) pixel_format: FourCc,
+    field: u32,
+    /// Bytes from one row to the next, of the first plane.
+    pub(crate) bytes_per_line: u32,
+    /// Bytes of a buffer; for a compressed format the most that a picture needs.
+    pub(crate) size_image: u32,
+    pub(crate) colorspace: u32,
+    private: u32,
+    flags: u32,
+    ycbcr_encoding: u32,
+    pub(crate) quantization: u32,
+    transfer_function: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct Format {
+    kind: u32,
+    padding: u32,
+    pix: PixFormat,
+    rest: [u64; 19],
+}
+
+/// Seconds as a fraction, as the kernel states frame intervals.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Fraction {
+    pub(crate) numerator: u32,
+    pub(crate) denominator: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct StreamParameters {
+    kind: u32,
+    capability: u32,
+    capture_mode: u32,
+    time_per_frame: Fraction,
+    rest: [[u32; 23]; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct FrameSizeEntry {
+    index: u32,
+    pixel_format: FourCc,
+    kind: u32,
+    /// Discrete: width and height. Otherwise least, most and step of the width, then of the height.
+    numbers: [u32; 6],
+    reserved: [u32; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct FrameIntervalEntry {
+    index: u32,
+    pixel_format: FourCc,
+    width: u32,
+    height: u32,
+    kind: u32,
+    /// Discrete: the first one. Otherwise the shortest, the longest and the step.
+    intervals: [Fraction; 3],
+    reserved: [u32; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct RequestBuffers {
+    count: u32,
+    kind: u32,
+    memory: u32,
+    capabilities: u32,
+    flags: [u8; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct Buffer {
+    index: u32,
+    kind: u32,
+    bytes_used: u32,
+    flags: u32,
+    field: u32,
+    timestamp_s: i64,
+    timestamp_us: i64,
+    timecode: [u32; 4],
+    sequence: u32,
+    memory: u32,
+    offset: u32,
+    rest_of_union: u32,
+    length: u32,
+    reserved: [u32; 2],
+}
+
+/// A request number and the type of its argument.
+struct Request<T> {
+    number: libc::Ioctl,
+    argument: PhantomData<T>,
+}
+
+/// The kernel's `_IOC`: direction, size of the argument, letter `V`, number.
+const fn request<T>(direction: u32, number: u32) -> Request<T> {
+    let size = size_of::<T>() as u32;
+    let number = (direction << 30) | (size << 16) | ((b'V' as u32) << 8) | number;
+    Request {
+        number: number as libc::Ioctl,
+        argument: PhantomData,
+    }
+}
+
+const WRITE: u32 = 1;
+const READ: u32 = 2;
+const READ_WRITE: u32 = 3;
+const QUERYCAP: Request<Capability> = request(READ, 0);
+const ENUM_FMT: Request<FormatDescription> = request(READ_WRITE, 2);
+const S_FMT: Request<Format> = request(READ_WRITE, 5);
+const REQBUFS: Request<RequestBuffers> = request(READ_WRITE, 8);
+const QUERYBUF: Request<Buffer> = request(READ_WRITE, 9);
+const QBUF: Request<Buffer> = request(READ_WRITE, 15);
+const DQBUF: Request<Buffer> = request(READ_WRITE, 17);
+const STREAMON: Request<libc::c_int> = request(WRITE, 18);
+const STREAMOFF: Request<libc::c_int> = request(WRITE, 19);
+const G_PARM: Request<StreamParameters> = request(READ_WRITE, 21);
+const S_PARM: Request<StreamParameters> = request(READ_WRITE, 22);
+const ENUM_FRAMESIZES: Request<FrameSizeEntry> = request(READ_WRITE, 74);
+const ENUM_FRAMEINTERVALS: Request<FrameIntervalEntry> = request(READ_WRITE, 75);
+
+// What a C compiler makes of linux/videodev2.h on a 64-bit machine. The request numbers contain the sizes.
+const _: () = {
+    assert!(QUERYCAP.number as u32 == 0x8068_5600);
+    assert!(ENUM_FMT.number as u32 == 0xc040_5602);
+    assert!(S_FMT.number as u32 == 0xc0d0_5605);
+    assert!(REQBUFS.number as u32 == 0xc014_5608);
+    assert!(QUERYBUF.number as u32 == 0xc058_5609);
+    assert!(QBUF.number as u32 == 0xc058_560f);
+    assert!(DQBUF.number as u32 == 0xc058_5611);
+    assert!(STREAMON.number as u32 == 0x4004_5612);
+    assert!(STREAMOFF.number as u32 == 0x4004_5613);
+    assert!(G_PARM.number as u32 == 0xc0cc_5615);
+    assert!(S_PARM.number as u32 == 0xc0cc_5616);
+    assert!(ENUM_FRAMESIZES.number as u32 == 0xc02c_564a);
+    assert!(ENUM_FRAMEINTERVALS.number as u32 == 0xc034_564b);
+    assert!(size_of::<PixFormat>() == 48);
+    assert!(offset_of!(Format, pix) == 8);
+    assert!(offset_of!(Buffer, timestamp_s) == 24);
+    assert!(offset_of!(Buffer, sequence) == 56);
+    assert!(offset_of!(Buffer, memory) == 60);
+    assert!(offset_of!(Buffer, offset) == 64);
+    assert!(offset_of!(Buffer, length) == 72);
+};
+
+/// Performs a request, again if a signal interrupts it.
+fn call<T>(fd: RawFd, request: &Request<T>, argument: &mut T) -> io::Result<()> {
+    loop {
+        // SAFETY: the request number contains the size of T, and by this number the kernel reads and writes no more than so
+        // many bytes at the address, which `argument` lends exclusively. All types used here are valid for any bytes.
+        let status = unsafe { libc::ioctl(fd, request.number, ptr::from_mut(argument)) };
+        if status == 0 {
+            return Ok(());
+        }
+        let error = io::Error::last_os_error();
+        if error.kind() != io::ErrorKind::Interrupted {
+            return Err(error);
+        }
+    }
+}
+
+/// `CLOCK_MONOTONIC`, the clock of the kernel's time stamps.
+pub(crate) fn monotonic_ns() -> u64 {
+    let mut time = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: the kernel writes one timespec at the address, which is exclusively ours. The clock always exists.
+    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut time) };
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// Who a node belongs to and what it can do.
+#[derive(Debug, Clone)]
+pub(crate) struct Card {
+    pub(crate) name: String,
+    pub(crate) driver: String,
+    /// `CAP_` flags of this node.
+    pub(crate) capabilities: u32,
+}
+
+/// A size that a camera offers, or a grid of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sizes {
+    One(Size),
+    Grid { least: Size, most: Size, step: Size },
+}
+
+/// An interval between frames that a camera offers, or a range of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Intervals {
+    One(Fraction),
+    Range {
+        shortest: Fraction,
+        longest: Fraction,
+    },
+}
+
+impl fmt::Display for Sizes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let text = |size: &Size| format!("{}x{}", size.width, size.height);
+        match self {
+            Self::One(size) => write!(f, "{}", text(size)),
+            Self::Grid { least, most, step } => {
+                write!(f, "{} to {}", text(least), text(most))?;
+                match (step.width, step.height) {
+                    (0 | 1, 0 | 1) => Ok(()),
+                    _ => write!(f, " in steps of {}", text(step)),
+                }
+            }
+        }
+    }
+}
+
+impl Fraction {
+    /// Frames per second of this interval between frames.
+    pub(crate) fn rate_hz(self) -> f64 {
+        f64::from(self.denominator) / f64::from(self.numerator)
+    }
+}
+
+/// Frames per second.
+impl fmt::Display for Intervals {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // 29.97 in full, 30 without zeros.
+        let text = |interval: &Fraction| ((interval.rate_hz() * 100.0).round() / 100.0).to_string();
+        match self {
+            Self::One(interval) => f.write_str(&text(interval)),
+            Self::Range { shortest, longest } => {
+                write!(f, "{} to {}", text(longest), text(shortest))
+            }
+        }
+    }
+}
+
+/// An open node.
+#[derive(Debug)]
+pub(crate) struct Device {
+    file: File,
+}
+
+impl Device {
+    /// Opens a node without blocking. Fails with [`io::ErrorKind::InvalidInput`] if the file is no character device.
+    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+        // Asked first: opening a pipe would block, and a folder cannot be opened for writing.
+        if !path.metadata()?.file_type().is_char_device() {
+            return Err(io::ErrorKind::InvalidInput.into());
+        }
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .custom_flags(libc::O_NONBLOCK)
+            .open(path)?;
+        Ok(Self { file })
+    }
+
+    fn fd(&self) -> RawFd {
+        self.file.as_raw_fd()
+    }
+
+    pub(crate) fn card(&self) -> io::Result<Card> {
+        let text = |bytes: &[u8]| {
+            let end = bytes.iter().position(|&byte| byte == 0);
+            String::from_utf8_lossy(&bytes[..end.unwrap_or(bytes.len())]).into_owned()
+        };
+        let mut found = Capability::default();
+        call(self.fd(), &QUERYCAP, &mut found)?;
+        Ok(Card {
+            name: text(&found.card),
+            driver: text(&found.driver),
+            capabilities: match found.capabilities & CAP_DEVICE_CAPS {
+                0 => found.capabilities,
+                _ => found.device_caps,
+            },
+        })
+    }
+
+    /// The layouts that the camera offers; none if it does not say.
+    pub(crate) fn formats(&self) -> Vec<FourCc> {
+        self.list(&ENUM_FMT, |index| FormatDescription {
+            index,
+            kind: TYPE_VIDEO_CAPTURE,
+            ..FormatDescription::default()
+        })
+        .map(|found| found.pixel_format)
+        .collect()
+    }
+
+    /// The sizes that the camera offers in a layout; none if it does not say.
+    pub(crate) fn sizes(&self, pixel_format: FourCc) -> Vec<Sizes> {
+        self.list(&ENUM_FRAMESIZES, |index| FrameSizeEntry {
+            index,
+            pixel_format,
+            ..FrameSizeEntry::default()
+        })
+        .map(|found| {
+            let [a, b, c, d, e, f] = found.numbers.map(|number| number as usize);
+            let size = |width, height| Size { width, height };
+            match found.kind {
+                KIND_DISCRETE => Sizes::One(size(a, b)),
+                _ => Sizes::Grid {
+                    least: size(a, d),
+                    most: size(b, e),
+                    step: size(c, f),
+                },
+            }
+        })
+        .collect()
+    }
+
+    /// The frame intervals that the camera offers in a layout and size; none if it does not say.
+    pub(crate) fn intervals(&self, pixel_format: FourCc, size: Size) -> Vec<Intervals> {
+        self.list(&ENUM_FRAMEINTERVALS, |index| FrameIntervalEntry {
+            index,
+            pixel_format,
+            width: size.width as u32,
+            height: size.height as u32,
+            ..FrameIntervalEntry::default()
+        })
+        .map(|found| {
+            let [shortest, longest, _] = found.intervals;
+            match found.kind {
+                KIND_DISCRETE => Intervals::One(shortest),
+                _ => Intervals::Range { shortest, longest },
+            }
+        })
+        .collect()
+    }
+
+    /// Entries of one of the kernel's lists, up to its end.
+    fn list<T: Copy>(
+        &self,
+        request: &Request<T>,
+        entry: impl Fn(u32) -> T,
+    ) -> impl Iterator<Item = T> {
+        (0..MAX_LISTED).map_while(move |index| {
+            let mut entry = entry(index);
+            call(self.fd(), request, &mut entry).ok().map(|()| entry)
+        })
+    }
+
+    /// Asks for a layout and a size. The camera silently takes others instead; what it took is returned.
+    pub(crate) fn set_format(&self, pixel_format: FourCc, size: Size) -> io::Result<PixFormat> {
+        let mut format = Format {
+            kind: TYPE_VIDEO_CAPTURE,
+            ..Format::default()
+        };
+        format.pix.width = size.width as u32;
+        format.pix.height = size.height as u32;
+        format.pix.pixel_format = pixel_format;
+        format.pix.field = FIELD_NONE;
+        call(self.fd(), &S_FMT, &mut format)?;
+        Ok(format.pix)
+    }
+
+    /// Asks for an interval between frames, and returns what the camera says it has taken; `None` if it has no say in it.
+    pub(crate) fn set_interval(&self, interval: Fraction) -> Option<Fraction> {
+        let mut wanted = StreamParameters {
+            kind: TYPE_VIDEO_CAPTURE,
+            time_per_frame: interval,
+            ..StreamParameters::default()
+        };
+        // Not every driver lets the rate be set, and some state it all the same: the answer counts.
+        _ = call(self.fd(), &S_PARM, &mut wanted);
+        let mut found = StreamParameters {
+            kind: TYPE_VIDEO_CAPTURE,
+            ..StreamParameters::default()
+        };
+        call(self.fd(), &G_PARM, &mut found).ok()?;
+        let Fraction {
+            numerator,
+            denominator,
+        } = found.time_per_frame;
+        let is_known = found.capability & CAP_TIME_PER_FRAME != 0;
+        (is_known && numerator > 0 && denominator > 0).then_some(found.time_per_frame)
+    }
+}
+
+/// A kernel's buffer in this program's memory.
+#[derive(Debug)]
+struct Mapping {
+    start: *mut u8,
+    length: usize,
+}
+
+// SAFETY: a mapping belongs to the process, not to a thread, and nothing but its `Mapping` gives access to it.
+unsafe impl Send for Mapping {}
+
+impl Mapping {
+    fn new(fd: RawFd, buffer: &Buffer) -> io::Result<Self> {
+        let length = buffer.length as usize;
+        // SAFETY: a new mapping at an address of the kernel's choice touches no memory that is in use.
+        let start = unsafe {
+            libc::mmap(
+                ptr::null_mut(),
+                length,
+                libc::PROT_READ | libc::PROT_WRITE,
+                libc::MAP_SHARED,
+                fd,
+                libc::off_t::from(buffer.offset),
+            )
+        };
+        if start == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(Self {
+            start: start.cast(),
+            length,
+        })
+    }
+
+    /// Appends the bytes of `range` to `out`.
+    ///
+    /// # Panics
+    ///
+    /// If the range does not lie within the mapping.
+    fn append_to(&self, range: Range<usize>, out: &mut Vec<u8>) {
+        assert!(range.start <= range.end && range.end <= self.length);
+        let n = range.len();
+        out.reserve(n);
+        // SAFETY: the source lies within the mapping, as asserted, and the destination within what was just reserved, behind
+        // the bytes in use; they are different memory. No reference to the mapping is made, because some drivers (v4l2loopback)
+        // let another program write to a buffer that is ours for the moment; whatever bytes are copied then are valid.
+        unsafe {
+            ptr::copy_nonoverlapping(
+                self.start.add(range.start),
+                out.as_mut_ptr().add(out.len()),
+                n,
+            );
+            out.set_len(out.len() + n);
+        }
+    }
+}
+
+impl Drop for Mapping {
+    fn drop(&mut self) {
+        // SAFETY: exactly this memory was mapped by `new` and is unmapped once; nothing refers to it.
+        unsafe { libc::munmap(self.start.cast(), self.length) };
+    }
+}
+
+/// A buffer that the camera has filled and that is not yet given back.
+#[derive(Debug)]
+pub(crate) struct Filled {
+    index: usize,
+    /// Bytes that the camera wrote, at most the buffer's length.
+    pub(crate) bytes_used: usize,
+    /// The driver's count of frames, which wraps around.
+    pub(crate) sequence: u32,
+    /// The kernel's time stamp, if it is on the clock of [`monotonic_ns`].
+    pub(crate) stamp_ns: Option<u64>,
+    /// The driver says that the content is damaged.
+    pub(crate) is_faulty: bool,
+}
+
+/// What [`Stream::wait`] found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Ready {
+    /// Nothing within the time.
+    No,
+    /// A buffer can be taken.
+    Buffer,
+    /// The camera has failed or is gone: taking a buffer tells how.
+    Failed,
+}
+
+/// A camera that captures into mapped buffers. Dropping it stops the camera.
+#[derive(Debug)]
+pub(crate) struct Stream {
+    // Before the device: mappings go before the file is closed.
+    mappings: Vec<Mapping>,
+    device: Device,
+}
+
+/// A request that failed.
+#[derive(Debug)]
+pub(crate) struct FailedCall {
+    pub(crate) call: &'static str,
+    pub(crate) source: io::Error,
+}
+
+impl Stream {
+    /// Maps buffers, hands them to the camera and starts it. The camera may give more or fewer buffers than asked for.
+    pub(crate) fn start(device: Device, n_buffers: u32) -> Result<Self, FailedCall> {
+        let failed = |call| move |source| FailedCall { call, source };
+        let mut buffers = RequestBuffers {
+            count: n_buffers,
+            kind: TYPE_VIDEO_CAPTURE,
+            memory: MEMORY_MMAP,
+            ..RequestBuffers::default()
+        };
+        call(device.fd(), &REQBUFS, &mut buffers).map_err(failed("VIDIOC_REQBUFS"))?;
+        let mut stream = Self {
+            mappings: Vec::new(),
+            device,
+        };
+        for index in 0..buffers.count {
+            let mut buffer = capture_buffer(index);
+            call(stream.device.fd(), &QUERYBUF, &mut buffer).map_err(failed("VIDIOC_QUERYBUF"))?;
+            let mapping = Mapping::new(stream.device.fd(), &buffer).map_err(failed("mmap"))?;
+            stream.mappings.push(mapping);
+            stream
+                .queue(index as usize)
+                .map_err(failed("VIDIOC_QBUF"))?;
+        }
+        let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
+        call(stream.device.fd(), &STREAMON, &mut kind).map_err(failed("VIDIOC_STREAMON"))?;
+        Ok(stream)
+    }
+
+    /// Waits for a buffer. A signal ends the waiting early.
+    pub(crate) fn wait(&self, timeout: Duration) -> io::Result<Ready> {
+        let mut poll = libc::pollfd {
+            fd: self.device.fd(),
+            events: libc::POLLIN,
+            revents: 0,
+        };
+        let timeout_ms = i32::try_from(timeout.as_millis()).unwrap_or(i32::MAX);
+        // SAFETY: the kernel reads and writes the one pollfd, which is exclusively ours.
+        let n = unsafe { libc::poll(&mut poll, 1, timeout_ms) };
+        if n < 0 {
+            let error = io::Error::last_os_error();
+            return match error.kind() {
+                io::ErrorKind::Interrupted => Ok(Ready::No),
+                _ => Err(error),
+            };
+        }
+        Ok(match poll.revents {
+            0 => Ready::No,
+            found if found & (libc::POLLERR | libc::POLLHUP | libc::POLLNVAL) != 0 => Ready::Failed,
+            _ => Ready::Buffer,
+        })
+    }
+
+    /// Takes a filled buffer; `None` if there is none.
+    pub(crate) fn take(&mut self) -> io::Result<Option<Filled>> {
+        let mut buffer = capture_buffer(0);
+        match call(self.device.fd(), &DQBUF, &mut buffer) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+            Err(error) => return Err(error),
+        }
+        let index = buffer.index as usize;
+        let Some(mapping) = self.mappings.get(index) else {
+            return Err(io::Error::other(format!(
+                "the driver returned buffer {index} of {}",
+                self.mappings.len()
+            )));
+        };
+        let is_monotonic = buffer.flags & BUFFER_CLOCK_MASK == BUFFER_CLOCK_MONOTONIC;
+        Ok(Some(Filled {
+            index,
+            bytes_used: mapping.length.min(buffer.bytes_used as usize),
+            sequence: buffer.sequence,
+            stamp_ns: is_monotonic.then(|| stamp_ns(buffer.timestamp_s, buffer.timestamp_us)),
+            is_faulty: buffer.flags & BUFFER_ERROR != 0,
+        }))
+    }
+
+    /// Appends bytes of a filled buffer to `out`.
+    ///
+    /// # Panics
+    ///
+    /// If the range goes beyond the buffer.
+    pub(crate) fn append_to(&self, filled: &Filled, range: Range<usize>, out: &mut Vec<u8>) {
+        self.mappings[filled.index].append_to(range, out);
+    }
+
+    /// Gives a buffer back to the camera.
+    pub(crate) fn give_back(&mut self, filled: Filled) -> Result<(), FailedCall> {
+        self.queue(filled.index).map_err(|source| FailedCall {
+            call: "VIDIOC_QBUF",
+            source,
+        })
+    }
+
+    fn queue(&self, index: usize) -> io::Result<()> {
+        call(self.device.fd(), &QBUF, &mut capture_buffer(index as u32))
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
+        // Fails if the camera is gone or never started, and then there is nothing to stop.
+        _ = call(self.device.fd(), &STREAMOFF, &mut kind);
+    }
+}
+
+fn capture_buffer(index: u32) -> Buffer {
+    Buffer {
+        index,
+        kind: TYPE_VIDEO_CAPTURE,
+        memory: MEMORY_MMAP,
+        ..Buffer::default()
+    }
+}
+
+/// Seconds and microseconds as nanoseconds; wraps around where the driver's clock does.
+fn stamp_ns(seconds: i64, microseconds: i64) -> u64 {
+    (seconds as u64)
+        .wrapping_mul(1_000_000_000)
+        .wrapping_add((microseconds as u64).wrapping_mul(1000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_are_nanoseconds() {
+        assert_eq!(stamp_ns(12, 345_678), 12_345_678_000);
+        // Nonsense must not panic.
+        _ = stamp_ns(i64::MAX, i64::MIN);
+    }
+
+    #[test]
+    fn sizes_and_rates_read_well() {
+        let size = |width, height| Size { width, height };
+        let fraction = |numerator, denominator| Fraction {
+            numerator,
+            denominator,
+        };
+        assert_eq!(Sizes::One(size(640, 480)).to_string(), "640x480");
+        let grid = |step| Sizes::Grid {
+            least: size(16, 8),
+            most: size(64, 32),
+            step,
+        };
+        assert_eq!(grid(size(1, 1)).to_string(), "16x8 to 64x32");
+        assert_eq!(
+            grid(size(2, 4)).to_string(),
+            "16x8 to 64x32 in steps of 2x4"
+        );
+        assert_eq!(Intervals::One(fraction(1001, 30_000)).to_string(), "29.97");
+        let range = Intervals::Range {
+            shortest: fraction(1, 60),
+            longest: fraction(2, 1),
+        };
+        assert_eq!(range.to_string(), "0.5 to 60");
+    }
+
+    #[test]
+    fn the_clock_advances() {
+        let first = monotonic_ns();
+        assert!(first > 0);
+        assert!(monotonic_ns() >= first);
+    }
+
+    #[test]
+    fn what_is_no_camera_is_an_error() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("video0");
+        std::fs::write(&file, b"").expect("written");
+        for path in [folder.path(), &file] {
+            let error = Device::open(path).expect_err("no device");
+            assert_eq!(error.kind(), io::ErrorKind::InvalidInput);
+        }
+        let missing = Device::open(&folder.path().join("none")).expect_err("missing");
+        assert_eq!(missing.kind(), io::ErrorKind::NotFound);
+        // A character device that knows nothing of video.
+        let null = Device::open(Path::new("/dev/null")).expect("opens");
+        assert!(null.card().is_err());
+        assert!(null.formats().is_empty());
+    }
+
+    #[test]
+    fn bytes_of_a_mapping_are_appended() {
+        let mut file = tempfile::tempfile().expect("a file");
+        io::Write::write_all(&mut file, b"abcdefgh").expect("written");
+        let buffer = Buffer {
+            length: 8,
+            ..Buffer::default()
+        };
+        let mapping = Mapping::new(file.as_raw_fd(), &buffer).expect("mapped");
+        let mut out = b"x".to_vec();
+        mapping.append_to(2..5, &mut out);
+        mapping.append_to(7..8, &mut out);
+        mapping.append_to(8..8, &mut out);
+        assert_eq!(out, b"xcdeh");
+    }
+
+    #[test]
+    #[should_panic(expected = "range.end <= self.length")]
+    fn bytes_beyond_a_mapping_are_refused() {
+        let mut file = tempfile::tempfile().expect("a file");
+        io::Write::write_all(&mut file, b"abcdefgh").expect("written");
+        let buffer = Buffer {
+            length: 8,
+            ..Buffer::default()
+        };
+        let mapping = Mapping::new(file.as_raw_fd(), &buffer).expect("mapped");
+        mapping.append_to(2..9, &mut Vec::new());
+    }
+}
