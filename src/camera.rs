@@ -1,6 +1,8 @@
-//! A V4L2 camera as a source: what to ask it for, whether it really gave that, and which of its buffers are frames.
+//! A V4L2 camera as a source: whether it really gave what it was asked for, and which of its buffers are frames.
 //!
-//! # Frames
+//! What it is asked for when the user leaves that open: of the sizes, 640x480 or the nearest; 30 frames/s, and the first of
+//! YUYV, UYVY, NV12, YU12, RGB3, MJPG that reaches them. A wish must be met exactly, except for the rate, of which
+//! [`Camera::info`] says what the camera has chosen.
 //!
 //! A buffer that is flagged as damaged, too short or no whole JPEG picture is skipped and counted. Frames that the driver had
 //! no buffer for are found by gaps in its count. Padding at the end of rows is removed. A frame's moment is the kernel's stamp,
@@ -13,6 +15,7 @@
 //! the empty floor would be wrong.
 
 use std::io;
+use std::iter;
 use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
@@ -21,7 +24,7 @@ use imgproc::Size;
 
 use crate::frame::{Frame, MAX_SIDE, PixelFormat};
 use crate::jpeg;
-use crate::negotiation::{DEFAULT_RATE_HZ, choose_or_explain, interval, text};
+use crate::negotiation::{DEFAULT_RATE_HZ, interval, negotiate, text};
 use crate::source::{Next, SourceInfo};
 use crate::v4l2::{self, Device, FailedCall, Filled, Fraction, Ready, Stream};
 
@@ -196,7 +199,7 @@ impl Camera {
     pub fn open(path: &Path, wish: &Wish) -> Result<Self, CameraError> {
         let device = open_device(path)?;
         let (device, name) = check_capture(device, path)?;
-        let choice = choose_or_explain(&device, &name, wish)?;
+        let choice = negotiate(&device, &name, wish)?;
         let call_failed = |failed| call_error(&name, path, failed);
         let given = device
             .set_format(choice.fourcc, choice.size)
@@ -442,7 +445,9 @@ fn rows(format: PixelFormat, size: Size, bytes_per_line: usize) -> Option<Vec<Ra
         bytes_per_line != 0 && bytes_per_line / part != row_bytes
     };
     if !planes.iter().any(is_padded) {
-        return format.frame_bytes(size).map(|bytes| Vec::from([0..bytes]));
+        return format
+            .frame_bytes(size)
+            .map(|bytes| iter::once(0..bytes).collect());
     }
     let mut rows = Vec::new();
     let mut start = 0;
@@ -531,7 +536,7 @@ mod tests {
             let bytes = format.frame_bytes(size(4, 2)).expect("raw");
             assert_eq!(
                 rows(format, size(4, 2), bytes_per_line),
-                Some(Vec::from([0..bytes]))
+                Some(iter::once(0..bytes).collect())
             );
         }
         assert_eq!(rows(PixelFormat::Jpeg, size(4, 2), 0), Some(vec![]));

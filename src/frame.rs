@@ -9,7 +9,7 @@
 //! range is the frame's. A chroma sample counts for all pixels that share it: interpolating chroma would be prettier to look
 //! at, but makes a pixel's colour depend on its neighbours before the background difference has seen it.
 //!
-//! Arithmetic is in integers, so that a recording gives the same planes on every machine. One loop, [`convert`], does all
+//! Arithmetic is in integers, so that a recording gives the same planes on every machine. One loop, `convert`, does all
 //! formats: it reads three plain slices, and each layout is first unpacked into such slices, a short block at a time, which
 //! stays in the first-level cache. Both steps are shaped so that the compiler vectorises them.
 //!

@@ -1,6 +1,6 @@
 //! Which of a camera's formats and sizes is asked for.
 //!
-//! What the user wishes must be given exactly, except for the rate, of which [`Camera::info`] says what the camera has chosen.
+//! What the user wishes must be given exactly, except for the rate, of which [`Camera::info`](crate::camera::Camera::info) says what the camera has chosen.
 //! Where nothing is wished: 640x480 pixels or the nearest size, and 30 frames/s. Of the formats that come nearest to the size,
 //! the first in this order that reaches the rate is taken, or the fastest one if none does: YUYV, UYVY, NV12, YU12, RGB3,
 //! MJPG, JPEG. Raw formats come first because compression blurs the edges that positions are measured on; a camera that is fast
@@ -56,11 +56,8 @@ pub(crate) struct Choice {
     pub(crate) size: Size,
 }
 
-pub(crate) fn choose_or_explain(
-    device: &Device,
-    name: &str,
-    wish: &Wish,
-) -> Result<Choice, CameraError> {
+/// What to ask the camera for, or why nothing that it offers will do.
+pub(crate) fn negotiate(device: &Device, name: &str, wish: &Wish) -> Result<Choice, CameraError> {
     let offers: Vec<Offer> = device
         .formats()
         .into_iter()
@@ -71,59 +68,59 @@ pub(crate) fn choose_or_explain(
         .collect();
     let fastest_hz = |fourcc, size| {
         let intervals = device.intervals(fourcc, size);
-        intervals
-            .iter()
-            .map(|interval| match interval {
-                Intervals::One(interval) => interval.rate_hz(),
-                Intervals::Range { shortest, .. } => shortest.rate_hz(),
-            })
-            .reduce(f64::max)
+        let shortest = intervals.iter().map(|interval| match interval {
+            Intervals::One(interval) => interval,
+            Intervals::Range { shortest, .. } => shortest,
+        });
+        shortest.map(|interval| interval.rate_hz()).reduce(f64::max)
     };
-    if let Some(choice) = choose(&offers, wish, fastest_hz) {
-        return Ok(choice);
-    }
-    let mut offered: Vec<&Offer> = offers.iter().collect();
-    offered.retain(|offer| match (readable(offer.fourcc), wish.format) {
-        (found, Some(wished)) => found == Some(wished),
-        (found, None) => found.is_some(),
-    });
-    match (wish.size, offered.is_empty()) {
-        (Some(size), false) => {
-            let mut sizes: Vec<String> = Vec::new();
-            for size in offered.iter().flat_map(|offer| &offer.sizes) {
-                let size = size.to_string();
-                if !sizes.contains(&size) {
-                    sizes.push(size);
-                }
-            }
-            Err(CameraError::Size {
-                path: name.to_owned(),
-                size,
-                offered: sizes.join(", "),
-            })
+    choose(&offers, wish, fastest_hz).ok_or_else(|| refusal(&offers, name, wish))
+}
+
+/// Says why nothing could be chosen: no such format, or not in the wished size.
+fn refusal(offers: &[Offer], name: &str, wish: &Wish) -> CameraError {
+    let fits = |offer: &&Offer| {
+        let format = readable(offer.fourcc);
+        format.is_some_and(|format| wish.format.is_none_or(|wished| wished == format))
+    };
+    let mut sizes: Vec<String> = Vec::new();
+    for size in offers.iter().filter(fits).flat_map(|offer| &offer.sizes) {
+        let size = size.to_string();
+        if !sizes.contains(&size) {
+            sizes.push(size);
         }
-        _ => Err(CameraError::Format {
+    }
+    if let Some(size) = wish.size
+        && !sizes.is_empty()
+    {
+        return CameraError::Size {
             path: name.to_owned(),
-            wished: match wish.format {
-                Some(format) => format!("{format:?}"),
-                None => format!(
-                    "any of {}",
-                    READABLE.map(|(fourcc, _)| text(fourcc)).join(", ")
-                ),
-            },
-            offered: match offers.as_slice() {
-                [] => "no format".to_owned(),
-                offers => {
-                    let names: Vec<String> =
-                        offers.iter().map(|offer| text(offer.fourcc)).collect();
-                    names.join(", ")
-                }
-            },
-        }),
+            size,
+            offered: sizes.join(", "),
+        };
+    }
+    let names = |fourccs: &mut dyn Iterator<Item = FourCc>| {
+        let names: Vec<String> = fourccs.map(text).collect();
+        names.join(", ")
+    };
+    let wished = READABLE
+        .iter()
+        .filter(|(_, format)| wish.format.is_none_or(|wished| wished == *format))
+        .map(|&(fourcc, _)| fourcc);
+    CameraError::Format {
+        path: name.to_owned(),
+        wished: match wish.format {
+            Some(_) => names(&mut { wished }),
+            None => format!("any of {}", names(&mut { wished })),
+        },
+        offered: match offers.is_empty() {
+            true => "nothing".to_owned(),
+            false => names(&mut offers.iter().map(|offer| offer.fourcc)),
+        },
     }
 }
 
-/// The rule under "Choice" above. `fastest_hz` is the highest rate in a layout and size, if the camera says.
+/// The rule at the top of this file. `fastest_hz` is the highest rate in a layout and size, if the camera says.
 fn choose(
     offers: &[Offer],
     wish: &Wish,
@@ -304,6 +301,37 @@ mod tests {
             None
         );
         assert_eq!(chosen(&webcam(), &wish(None, Some(size(1920, 1080)))), None);
+    }
+
+    #[test]
+    fn a_refusal_says_what_there_is() {
+        let refusal = |offers: &[Offer], format, size| {
+            let wish = Wish {
+                format,
+                size,
+                rate_hz: None,
+            };
+            assert_eq!(choose(offers, &wish, webcam_hz), None);
+            refusal(offers, "cam", &wish).to_string()
+        };
+        let (yuyv, nv12) = (Some(PixelFormat::Yuyv), Some(PixelFormat::Nv12));
+        let small = Some(size(8, 8));
+        assert_eq!(
+            refusal(&webcam(), yuyv, small),
+            "cam: does not offer 8x8 pixels: it offers 1280x720, 640x480, 320x240"
+        );
+        assert_eq!(
+            refusal(&webcam(), nv12, small),
+            "cam: does not offer NV12: it offers H264, MJPG, YUYV, GREY"
+        );
+        assert_eq!(
+            refusal(&webcam()[..1], None, small),
+            "cam: does not offer any of YUYV, UYVY, NV12, YU12, RGB3, MJPG, JPEG, GREY: it offers H264"
+        );
+        assert_eq!(
+            refusal(&[], yuyv, None),
+            "cam: does not offer YUYV: it offers nothing"
+        );
     }
 
     #[test]

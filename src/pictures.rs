@@ -255,7 +255,6 @@ fn read_frame(path: &Path, frame: &mut Frame) -> Result<(), PictureError> {
     Ok(())
 }
 
-/// Decodes a PNG file that is in memory.
 pub(crate) fn decode_png(file: &[u8]) -> image::ImageResult<DynamicImage> {
     let mut reader = ImageReader::with_format(io::Cursor::new(file), ImageFormat::Png);
     let mut limits = image::Limits::default();

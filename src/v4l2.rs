@@ -4,18 +4,14 @@
 //! [`crate::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture, no controls, no
 //! outputs, no requests.
 //!
-//! Structures are those of `linux/videodev2.h` on 64-bit machines. Unions are written as their one member that is used here, so
-//! that no union has to be read. Their sizes, the offsets that matter and the request numbers are compared with the kernel's
-//! when this file is compiled.
-//!
 //! Source: Linux Media Subsystem Documentation, part "Video for Linux API".
 #![allow(unsafe_code)]
+
+mod abi;
 
 use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io;
-use std::marker::PhantomData;
-use std::mem::{offset_of, size_of};
 use std::ops::Range;
 use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
@@ -25,212 +21,14 @@ use std::time::Duration;
 
 use imgproc::Size;
 
-/// Four characters that name a pixel layout.
-pub(crate) type FourCc = [u8; 4];
-
-/// `device_caps`: the node captures video in one plane, in several planes, puts video out, captures metadata, streams.
-pub(crate) const CAP_CAPTURE: u32 = 0x0000_0001;
-pub(crate) const CAP_CAPTURE_PLANES: u32 = 0x0000_1000;
-pub(crate) const CAP_OUTPUT: u32 = 0x0000_0002 | 0x0000_2000;
-pub(crate) const CAP_METADATA: u32 = 0x0080_0000;
-pub(crate) const CAP_STREAMING: u32 = 0x0400_0000;
-/// `capabilities`: the member `device_caps` is filled.
-const CAP_DEVICE_CAPS: u32 = 0x8000_0000;
-
-const TYPE_VIDEO_CAPTURE: u32 = 1;
-const MEMORY_MMAP: u32 = 1;
-const FIELD_NONE: u32 = 1;
-/// Set in a stream parameter's `capability`: its `timeperframe` means something.
-const CAP_TIME_PER_FRAME: u32 = 0x1000;
-const KIND_DISCRETE: u32 = 1;
-
-const BUFFER_ERROR: u32 = 0x0000_0040;
-const BUFFER_CLOCK_MASK: u32 = 0x0000_e000;
-const BUFFER_CLOCK_MONOTONIC: u32 = 0x0000_2000;
+use abi::*;
+pub(crate) use abi::{
+    CAP_CAPTURE, CAP_CAPTURE_PLANES, CAP_METADATA, CAP_OUTPUT, CAP_STREAMING, FourCc, Fraction,
+    PixFormat,
+};
 
 /// Most entries that are read from one of the kernel's lists: a driver that never ends a list must not hang the program.
 const MAX_LISTED: u32 = 256;
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct Capability {
-    driver: [u8; 16],
-    card: [u8; 32],
-    bus_info: [u8; 32],
-    version: u32,
-    capabilities: u32,
-    device_caps: u32,
-    reserved: [u32; 3],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct FormatDescription {
-    index: u32,
-    kind: u32,
-    flags: u32,
-    description: [u8; 32],
-    pixel_format: FourCc,
-    mbus_code: u32,
-    reserved: [u32; 3],
-}
-
-/// Layout of the frames that a camera delivers.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct PixFormat {
-    pub(crate) width: u32,
-    pub(crate) height: u32,
-    pub(crate) pixel_format: FourCc,
-    field: u32,
-    /// Bytes from one row to the next, of the first plane.
-    pub(crate) bytes_per_line: u32,
-    /// Bytes of a buffer; for a compressed format the most that a picture needs.
-    pub(crate) size_image: u32,
-    pub(crate) colorspace: u32,
-    private: u32,
-    flags: u32,
-    ycbcr_encoding: u32,
-    pub(crate) quantization: u32,
-    transfer_function: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct Format {
-    kind: u32,
-    padding: u32,
-    pix: PixFormat,
-    rest: [u64; 19],
-}
-
-/// Seconds as a fraction, as the kernel states frame intervals.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Fraction {
-    pub(crate) numerator: u32,
-    pub(crate) denominator: u32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct StreamParameters {
-    kind: u32,
-    capability: u32,
-    capture_mode: u32,
-    time_per_frame: Fraction,
-    rest: [[u32; 23]; 2],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct FrameSizeEntry {
-    index: u32,
-    pixel_format: FourCc,
-    kind: u32,
-    /// Discrete: width and height. Otherwise least, most and step of the width, then of the height.
-    numbers: [u32; 6],
-    reserved: [u32; 2],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct FrameIntervalEntry {
-    index: u32,
-    pixel_format: FourCc,
-    width: u32,
-    height: u32,
-    kind: u32,
-    /// Discrete: the first one. Otherwise the shortest, the longest and the step.
-    intervals: [Fraction; 3],
-    reserved: [u32; 2],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct RequestBuffers {
-    count: u32,
-    kind: u32,
-    memory: u32,
-    capabilities: u32,
-    flags: [u8; 4],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct Buffer {
-    index: u32,
-    kind: u32,
-    bytes_used: u32,
-    flags: u32,
-    field: u32,
-    timestamp_s: i64,
-    timestamp_us: i64,
-    timecode: [u32; 4],
-    sequence: u32,
-    memory: u32,
-    offset: u32,
-    rest_of_union: u32,
-    length: u32,
-    reserved: [u32; 2],
-}
-
-/// A request number and the type of its argument.
-struct Request<T> {
-    number: libc::Ioctl,
-    argument: PhantomData<T>,
-}
-
-/// The kernel's `_IOC`: direction, size of the argument, letter `V`, number.
-const fn request<T>(direction: u32, number: u32) -> Request<T> {
-    let size = size_of::<T>() as u32;
-    let number = (direction << 30) | (size << 16) | ((b'V' as u32) << 8) | number;
-    Request {
-        number: number as libc::Ioctl,
-        argument: PhantomData,
-    }
-}
-
-const WRITE: u32 = 1;
-const READ: u32 = 2;
-const READ_WRITE: u32 = 3;
-const QUERYCAP: Request<Capability> = request(READ, 0);
-const ENUM_FMT: Request<FormatDescription> = request(READ_WRITE, 2);
-const S_FMT: Request<Format> = request(READ_WRITE, 5);
-const REQBUFS: Request<RequestBuffers> = request(READ_WRITE, 8);
-const QUERYBUF: Request<Buffer> = request(READ_WRITE, 9);
-const QBUF: Request<Buffer> = request(READ_WRITE, 15);
-const DQBUF: Request<Buffer> = request(READ_WRITE, 17);
-const STREAMON: Request<libc::c_int> = request(WRITE, 18);
-const STREAMOFF: Request<libc::c_int> = request(WRITE, 19);
-const G_PARM: Request<StreamParameters> = request(READ_WRITE, 21);
-const S_PARM: Request<StreamParameters> = request(READ_WRITE, 22);
-const ENUM_FRAMESIZES: Request<FrameSizeEntry> = request(READ_WRITE, 74);
-const ENUM_FRAMEINTERVALS: Request<FrameIntervalEntry> = request(READ_WRITE, 75);
-
-// What a C compiler makes of linux/videodev2.h on a 64-bit machine. The request numbers contain the sizes.
-const _: () = {
-    assert!(QUERYCAP.number as u32 == 0x8068_5600);
-    assert!(ENUM_FMT.number as u32 == 0xc040_5602);
-    assert!(S_FMT.number as u32 == 0xc0d0_5605);
-    assert!(REQBUFS.number as u32 == 0xc014_5608);
-    assert!(QUERYBUF.number as u32 == 0xc058_5609);
-    assert!(QBUF.number as u32 == 0xc058_560f);
-    assert!(DQBUF.number as u32 == 0xc058_5611);
-    assert!(STREAMON.number as u32 == 0x4004_5612);
-    assert!(STREAMOFF.number as u32 == 0x4004_5613);
-    assert!(G_PARM.number as u32 == 0xc0cc_5615);
-    assert!(S_PARM.number as u32 == 0xc0cc_5616);
-    assert!(ENUM_FRAMESIZES.number as u32 == 0xc02c_564a);
-    assert!(ENUM_FRAMEINTERVALS.number as u32 == 0xc034_564b);
-    assert!(size_of::<PixFormat>() == 48);
-    assert!(offset_of!(Format, pix) == 8);
-    assert!(offset_of!(Buffer, timestamp_s) == 24);
-    assert!(offset_of!(Buffer, sequence) == 56);
-    assert!(offset_of!(Buffer, memory) == 60);
-    assert!(offset_of!(Buffer, offset) == 64);
-    assert!(offset_of!(Buffer, length) == 72);
-};
 
 /// Performs a request, again if a signal interrupts it.
 fn call<T>(fd: RawFd, request: &Request<T>, argument: &mut T) -> io::Result<()> {

@@ -1,0 +1,212 @@
+//! Structures and request numbers of `linux/videodev2.h` on 64-bit machines.
+//!
+//! Unions are written as their one member that is used here, so that no union has to be read. Sizes, the offsets that matter
+//! and the request numbers are compared with the kernel's when this file is compiled.
+#![deny(unsafe_code)]
+
+use std::marker::PhantomData;
+use std::mem::{offset_of, size_of};
+
+/// Four characters that name a pixel layout.
+pub(crate) type FourCc = [u8; 4];
+
+/// `device_caps`: the node captures video in one plane, in several planes, puts video out, captures metadata, streams.
+pub(crate) const CAP_CAPTURE: u32 = 0x0000_0001;
+pub(crate) const CAP_CAPTURE_PLANES: u32 = 0x0000_1000;
+pub(crate) const CAP_OUTPUT: u32 = 0x0000_0002 | 0x0000_2000;
+pub(crate) const CAP_METADATA: u32 = 0x0080_0000;
+pub(crate) const CAP_STREAMING: u32 = 0x0400_0000;
+/// `capabilities`: the member `device_caps` is filled.
+pub(super) const CAP_DEVICE_CAPS: u32 = 0x8000_0000;
+
+pub(super) const TYPE_VIDEO_CAPTURE: u32 = 1;
+pub(super) const MEMORY_MMAP: u32 = 1;
+pub(super) const FIELD_NONE: u32 = 1;
+/// Set in a stream parameter's `capability`: its `timeperframe` means something.
+pub(super) const CAP_TIME_PER_FRAME: u32 = 0x1000;
+pub(super) const KIND_DISCRETE: u32 = 1;
+
+pub(super) const BUFFER_ERROR: u32 = 0x0000_0040;
+pub(super) const BUFFER_CLOCK_MASK: u32 = 0x0000_e000;
+pub(super) const BUFFER_CLOCK_MONOTONIC: u32 = 0x0000_2000;
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct Capability {
+    pub(super) driver: [u8; 16],
+    pub(super) card: [u8; 32],
+    pub(super) bus_info: [u8; 32],
+    pub(super) version: u32,
+    pub(super) capabilities: u32,
+    pub(super) device_caps: u32,
+    pub(super) reserved: [u32; 3],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct FormatDescription {
+    pub(super) index: u32,
+    pub(super) kind: u32,
+    pub(super) flags: u32,
+    pub(super) description: [u8; 32],
+    pub(super) pixel_format: FourCc,
+    pub(super) mbus_code: u32,
+    pub(super) reserved: [u32; 3],
+}
+
+/// Layout of the frames that a camera delivers.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct PixFormat {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) pixel_format: FourCc,
+    pub(crate) field: u32,
+    /// Bytes from one row to the next, of the first plane.
+    pub(crate) bytes_per_line: u32,
+    /// Bytes of a buffer; for a compressed format the most that a picture needs.
+    pub(crate) size_image: u32,
+    pub(crate) colorspace: u32,
+    pub(crate) private: u32,
+    pub(crate) flags: u32,
+    pub(crate) ycbcr_encoding: u32,
+    pub(crate) quantization: u32,
+    pub(crate) transfer_function: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct Format {
+    pub(super) kind: u32,
+    pub(super) padding: u32,
+    pub(super) pix: PixFormat,
+    pub(super) rest: [u64; 19],
+}
+
+/// Seconds as a fraction, as the kernel states frame intervals.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Fraction {
+    pub(crate) numerator: u32,
+    pub(crate) denominator: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct StreamParameters {
+    pub(super) kind: u32,
+    pub(super) capability: u32,
+    pub(super) capture_mode: u32,
+    pub(super) time_per_frame: Fraction,
+    pub(super) rest: [[u32; 23]; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct FrameSizeEntry {
+    pub(super) index: u32,
+    pub(super) pixel_format: FourCc,
+    pub(super) kind: u32,
+    /// Discrete: width and height. Otherwise least, most and step of the width, then of the height.
+    pub(super) numbers: [u32; 6],
+    pub(super) reserved: [u32; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct FrameIntervalEntry {
+    pub(super) index: u32,
+    pub(super) pixel_format: FourCc,
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) kind: u32,
+    /// Discrete: the first one. Otherwise the shortest, the longest and the step.
+    pub(super) intervals: [Fraction; 3],
+    pub(super) reserved: [u32; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct RequestBuffers {
+    pub(super) count: u32,
+    pub(super) kind: u32,
+    pub(super) memory: u32,
+    pub(super) capabilities: u32,
+    pub(super) flags: [u8; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct Buffer {
+    pub(super) index: u32,
+    pub(super) kind: u32,
+    pub(super) bytes_used: u32,
+    pub(super) flags: u32,
+    pub(super) field: u32,
+    pub(super) timestamp_s: i64,
+    pub(super) timestamp_us: i64,
+    pub(super) timecode: [u32; 4],
+    pub(super) sequence: u32,
+    pub(super) memory: u32,
+    pub(super) offset: u32,
+    pub(super) rest_of_union: u32,
+    pub(super) length: u32,
+    pub(super) reserved: [u32; 2],
+}
+
+/// A request number and the type of its argument.
+pub(super) struct Request<T> {
+    pub(super) number: libc::Ioctl,
+    pub(super) argument: PhantomData<T>,
+}
+
+/// The kernel's `_IOC`: direction, size of the argument, letter `V`, number.
+const fn request<T>(direction: u32, number: u32) -> Request<T> {
+    let size = size_of::<T>() as u32;
+    let number = (direction << 30) | (size << 16) | ((b'V' as u32) << 8) | number;
+    Request {
+        number: number as libc::Ioctl,
+        argument: PhantomData,
+    }
+}
+
+pub(super) const WRITE: u32 = 1;
+pub(super) const READ: u32 = 2;
+pub(super) const READ_WRITE: u32 = 3;
+pub(super) const QUERYCAP: Request<Capability> = request(READ, 0);
+pub(super) const ENUM_FMT: Request<FormatDescription> = request(READ_WRITE, 2);
+pub(super) const S_FMT: Request<Format> = request(READ_WRITE, 5);
+pub(super) const REQBUFS: Request<RequestBuffers> = request(READ_WRITE, 8);
+pub(super) const QUERYBUF: Request<Buffer> = request(READ_WRITE, 9);
+pub(super) const QBUF: Request<Buffer> = request(READ_WRITE, 15);
+pub(super) const DQBUF: Request<Buffer> = request(READ_WRITE, 17);
+pub(super) const STREAMON: Request<libc::c_int> = request(WRITE, 18);
+pub(super) const STREAMOFF: Request<libc::c_int> = request(WRITE, 19);
+pub(super) const G_PARM: Request<StreamParameters> = request(READ_WRITE, 21);
+pub(super) const S_PARM: Request<StreamParameters> = request(READ_WRITE, 22);
+pub(super) const ENUM_FRAMESIZES: Request<FrameSizeEntry> = request(READ_WRITE, 74);
+pub(super) const ENUM_FRAMEINTERVALS: Request<FrameIntervalEntry> = request(READ_WRITE, 75);
+
+// What a C compiler makes of linux/videodev2.h on a 64-bit machine. The request numbers contain the sizes.
+const _: () = {
+    assert!(QUERYCAP.number as u32 == 0x8068_5600);
+    assert!(ENUM_FMT.number as u32 == 0xc040_5602);
+    assert!(S_FMT.number as u32 == 0xc0d0_5605);
+    assert!(REQBUFS.number as u32 == 0xc014_5608);
+    assert!(QUERYBUF.number as u32 == 0xc058_5609);
+    assert!(QBUF.number as u32 == 0xc058_560f);
+    assert!(DQBUF.number as u32 == 0xc058_5611);
+    assert!(STREAMON.number as u32 == 0x4004_5612);
+    assert!(STREAMOFF.number as u32 == 0x4004_5613);
+    assert!(G_PARM.number as u32 == 0xc0cc_5615);
+    assert!(S_PARM.number as u32 == 0xc0cc_5616);
+    assert!(ENUM_FRAMESIZES.number as u32 == 0xc02c_564a);
+    assert!(ENUM_FRAMEINTERVALS.number as u32 == 0xc034_564b);
+    assert!(size_of::<PixFormat>() == 48);
+    assert!(offset_of!(Format, pix) == 8);
+    assert!(offset_of!(Buffer, timestamp_s) == 24);
+    assert!(offset_of!(Buffer, sequence) == 56);
+    assert!(offset_of!(Buffer, memory) == 60);
+    assert!(offset_of!(Buffer, offset) == 64);
+    assert!(offset_of!(Buffer, length) == 72);
+};
