@@ -6,7 +6,7 @@
 //! Cost: one pass, about 20 operations a pixel on as many pixels at once as a vector register holds.
 
 use crate::Size;
-use crate::window::map_3x3;
+use crate::window::{PADDED, for_each_block};
 
 /// Writes to `out` the median of the 3x3 window around each pixel. Outside the picture the border is repeated.
 ///
@@ -24,11 +24,19 @@ use crate::window::map_3x3;
 /// assert_eq!(out, [5; 9]);
 /// ```
 pub fn median_3x3(plane: &[u8], size: Size, out: &mut [u8]) {
-    map_3x3(plane, size, out, sorted, |left, mid, right| {
-        let lowest = left.0.max(mid.0).max(right.0);
-        let middle = median(left.1, mid.1, right.1);
-        let highest = left.2.min(mid.2).min(right.2);
-        median(lowest, middle, highest)
+    let (mut low, mut mid, mut high) = ([0; PADDED], [0; PADDED], [0; PADDED]);
+    for_each_block(plane, size, out, |[above, here, below], out| {
+        let n = out.len();
+        let (low, mid, high) = (&mut low[..n + 2], &mut mid[..n + 2], &mut high[..n + 2]);
+        for i in 0..n + 2 {
+            (low[i], mid[i], high[i]) = sorted(above[i], here[i], below[i]);
+        }
+        for (i, out) in out.iter_mut().enumerate() {
+            let lowest = low[i].max(low[i + 1]).max(low[i + 2]);
+            let middle = median(mid[i], mid[i + 1], mid[i + 2]);
+            let highest = high[i].min(high[i + 1]).min(high[i + 2]);
+            *out = median(lowest, middle, highest);
+        }
     });
 }
 
