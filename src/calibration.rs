@@ -143,7 +143,7 @@ impl Calibration {
             .enumerate()
             .max_by(|a, b| a.1.total_cmp(b.1))
             .map_or(0, |(i, _)| i);
-        if !(rms_px <= RESIDUAL_MAX_PX) {
+        if rms_px.is_nan() || rms_px > RESIDUAL_MAX_PX {
             return Err(CalibrationError::BadFit {
                 rms_px,
                 worst: worst + 1,

@@ -22,7 +22,7 @@
 //!
 //! # Frames in
 //!
-//! [`source`] is an enum over [`camera`] (on [`v4l2`], the only file with `unsafe`; [`devices`] lists them), [`y4m`], [`pictures`],
+//! [`source`] is an enum over [`camera`] (on `v4l2`, the only file with `unsafe`; [`devices`] lists them), [`y4m`], [`pictures`],
 //! [`replay`] and [`demo`], the synthetic floor with exact truth that `render` draws.
 //!
 //! # Results out
@@ -77,6 +77,6 @@ mod setup;
 pub mod source;
 mod status;
 pub mod topics;
-pub mod v4l2;
+mod v4l2;
 pub mod watch;
 pub mod y4m;

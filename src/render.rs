@@ -58,7 +58,7 @@ pub(crate) struct Renderer {
 impl Renderer {
     pub(crate) fn new(size: Size, seed: u64) -> Self {
         let floor = floor(size, seed);
-        let mut random = Random(seed ^ 0x6e6f_6973_65);
+        let mut random = Random(seed ^ 0x006e_6f69_7365);
         let noise = (0..NOISE_TABLE).map(|_| random.gaussian()).collect();
         Self {
             size,
