@@ -497,6 +497,74 @@ mod tests {
     }
 
     #[test]
+    fn plates_from_24_px_are_read_sharp_or_blurred_in_noise() {
+        let family = Family::from_files(&built_in_files()).expect("the built-in family is usable");
+        let drawings: Vec<Drawing> = BUILT_IN
+            .iter()
+            .map(|(name, svg)| read_drawing(name, svg).expect("a built-in marker"))
+            .collect();
+        let mut state = 1u32;
+        let mut uniform = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        };
+        for (plate_px, blur_px) in [
+            (24.0, 0.45),
+            (24.0, 0.8),
+            (30.0, 1.2),
+            (40.0, 0.8),
+            (60.0, 1.2),
+            (100.0, 0.8),
+        ] {
+            let (mut shown, mut read) = (0, 0);
+            for (index, drawing) in drawings.iter().enumerate() {
+                for step in 0..12 {
+                    let side = (plate_px * 1.5) as usize + 10;
+                    let size = Size {
+                        width: side,
+                        height: side,
+                    };
+                    let centre = [side as f32 / 2.0 + uniform(), side as f32 / 2.0 + uniform()];
+                    let place = Placement {
+                        centre,
+                        turn_rad: 0.53 * step as f32,
+                        plate_px,
+                    };
+                    let mut grey = render(drawing, size, place, blur_px);
+                    for pixel in &mut grey {
+                        // Twelve uniform numbers: nearly normal, standard deviation 1.
+                        let noise: f32 = (0..12).map(|_| uniform() - 0.5).sum();
+                        *pixel = (f32::from(*pixel) + 6.0 * noise).round().clamp(0.0, 255.0) as u8;
+                    }
+                    let cutout = Cutout {
+                        size,
+                        grey: &grey,
+                        mask: &vec![1; size.area()],
+                    };
+                    shown += 1;
+                    find_figures(cutout, &mut CutoutScratch::new(size), |figure| {
+                        if let Some(pose) = family.recognise(&figure, cutout, &SETTINGS) {
+                            assert_eq!(
+                                pose.marker,
+                                index,
+                                "{} is taken for {}",
+                                drawing.name,
+                                family.name(pose.marker)
+                            );
+                            read += 1;
+                        }
+                    });
+                }
+            }
+            println!("plate {plate_px} px, blur {blur_px} px: {read} of {shown} read");
+            assert!(
+                f64::from(read) >= 0.98 * f64::from(shown),
+                "plate {plate_px}, blur {blur_px}: {read} of {shown}"
+            );
+        }
+    }
+
+    #[test]
     fn a_square_is_refused_with_its_elongation() {
         let message = refusal(&[marker("square", "M25 25H75V75H25Z")]);
         assert!(

@@ -53,27 +53,36 @@ const BLUR_REACH: f32 = 3.0;
 pub(crate) fn blur(plane: &mut [f32], size: Size, sigma_px: f32, scratch: &mut [f32]) {
     assert_eq!(plane.len(), size.area(), "plane does not fit its size");
     assert_eq!(scratch.len(), size.area(), "scratch does not fit its size");
-    if sigma_px <= 0.0 {
+    if sigma_px <= 0.0 || size.area() == 0 {
         return;
     }
     let reach = (BLUR_REACH * sigma_px).ceil() as isize;
     let weight = |d: isize| (-((d * d) as f32) / (2.0 * sigma_px * sigma_px)).exp();
     let total: f32 = (-reach..=reach).map(weight).sum();
     let kernel: Vec<f32> = (-reach..=reach).map(|d| weight(d) / total).collect();
-    let (width, height) = (size.width as isize, size.height as isize);
+    let taps = kernel.len();
+    // Rows with their ends repeated, so that no tap looks beyond them.
+    let mut padded = vec![0.0; size.width + taps - 1];
     for (source, out) in plane
         .chunks_exact(size.width)
         .zip(scratch.chunks_exact_mut(size.width))
     {
-        for (x, out) in out.iter_mut().enumerate() {
-            let at = |d: isize| source[(x as isize + d).clamp(0, width - 1) as usize];
-            *out = kernel.iter().zip(-reach..).map(|(k, d)| k * at(d)).sum();
+        let (left, rest) = padded.split_at_mut(taps / 2);
+        let (middle, right) = rest.split_at_mut(size.width);
+        left.fill(source[0]);
+        middle.copy_from_slice(source);
+        right.fill(source[size.width - 1]);
+        out.fill(0.0);
+        for (tap, k) in kernel.iter().enumerate() {
+            for (out, value) in out.iter_mut().zip(&padded[tap..]) {
+                *out += k * value;
+            }
         }
     }
     for (y, out) in plane.chunks_exact_mut(size.width).enumerate() {
         out.fill(0.0);
-        for (k, d) in kernel.iter().zip(-reach..) {
-            let row = (y as isize + d).clamp(0, height - 1) as usize;
+        for (tap, k) in kernel.iter().enumerate() {
+            let row = (y + tap).saturating_sub(taps / 2).min(size.height - 1);
             let source = &scratch[row * size.width..][..size.width];
             for (out, value) in out.iter_mut().zip(source) {
                 *out += k * value;

@@ -16,13 +16,13 @@ use crate::drawing::Drawing;
 use crate::raster::{Vertex, blur, fill_polygon};
 
 /// Sides of the rendered plates, in pixels. A figure is compared with the references of the nearest size.
-pub(crate) const PLATES_PX: [f32; 7] = [12.0, 16.0, 24.0, 32.0, 48.0, 72.0, 108.0];
+pub(crate) const PLATES_PX: [f32; 6] = [12.0, 16.0, 24.0, 32.0, 48.0, 80.0];
 
 /// Blurs of the rendered plates, standard deviation in pixels: a sharp lens, a good one, two that are out of focus.
 pub(crate) const BLURS_PX: [f32; 4] = [0.3, 0.6, 1.0, 1.5];
 
 /// Turns at which a plate is rendered. Not a divisor of a quarter turn, so that no two see the pixel grid alike.
-const TURNS: usize = 9;
+const TURNS: usize = 5;
 
 /// Elongation below which a contour has no orientation at all; markers must show theirs much better.
 pub(crate) const ORIENTATION_MIN: f32 = 0.05;
