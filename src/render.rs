@@ -24,10 +24,10 @@ const NOISE_TABLE: usize = 1 << 16;
 const LIGHT_DRIFT: f32 = 0.04;
 const LIGHT_PERIOD_S: f32 = 40.0;
 
-/// Shadows: how much light is left in their middle, how far they fall, and how wide their soft edge is, in pixels.
+/// Shadows: how much light is left in their middle, how far they fall, and how blurred they are, in pixels.
 const SHADOW_LIGHT: f32 = 0.68;
 const SHADOW_OFFSET_PX: [f32; 2] = [5.0, 4.0];
-const SHADOW_EDGE_PX: f32 = 4.0;
+const SHADOW_BLUR_PX: f32 = 2.0;
 
 /// What an object looks like from above: layers from the bottom up, in pixels around its centre, pointing up.
 #[derive(Debug)]
@@ -85,86 +85,69 @@ impl Renderer {
         let Some(bottom) = appearance.layers.first() else {
             return;
         };
-        self.shadow(&placed(&bottom.outline, at, turn_rad, scale), at, scale);
+        self.shadow(&placed(&bottom.outline, at, turn_rad, scale), scale);
         for layer in &appearance.layers {
             self.cover(&placed(&layer.outline, at, turn_rad, scale), layer.colour);
         }
     }
 
-    /// Darkens the floor around an object, as if it were a disc.
-    fn shadow(&mut self, outline: &[Vertex], at: Vertex, scale: f32) {
-        let radius = outline
-            .iter()
-            .map(|p| (p[0] - at[0]).hypot(p[1] - at[1]))
-            .fold(0.0, f32::max);
-        let (centre, edge) = (
-            [
-                at[0] + scale * SHADOW_OFFSET_PX[0],
-                at[1] + scale * SHADOW_OFFSET_PX[1],
-            ],
-            scale * SHADOW_EDGE_PX,
-        );
-        let reach = radius + edge;
-        let Some(area) = self.area(
-            [centre[0] - reach, centre[1] - reach],
-            [centre[0] + reach, centre[1] + reach],
-        ) else {
+    /// Darkens the floor beside an object.
+    fn shadow(&mut self, outline: &[Vertex], scale: f32) {
+        let [dx, dy] = SHADOW_OFFSET_PX.map(|offset| offset * scale);
+        let moved: Vec<Vertex> = outline.iter().map(|[x, y]| [x + dx, y + dy]).collect();
+        let Some(area) = self.coverage_of(&moved, SHADOW_BLUR_PX * scale) else {
             return;
         };
-        for y in area.top..area.top + area.size.height {
-            for x in area.left..area.left + area.size.width {
-                let distance = (x as f32 - centre[0]).hypot(y as f32 - centre[1]);
-                // 1 inside, 0 outside, a smooth step between.
-                let t = ((radius + edge - distance) / (2.0 * edge)).clamp(0.0, 1.0);
-                let left = 1.0 - (1.0 - SHADOW_LIGHT) * t * t * (3.0 - 2.0 * t);
-                for plane in &mut self.canvas {
-                    plane[y * self.size.width + x] *= left;
-                }
-            }
+        for plane in &mut self.canvas {
+            area.for_each_pixel(plane, self.size, &self.coverage, |pixel, share| {
+                *pixel *= 1.0 - (1.0 - SHADOW_LIGHT) * share;
+            });
         }
     }
 
     /// Paints a polygon.
     fn cover(&mut self, polygon: &[Vertex], colour: [u8; 3]) {
-        const MARGIN_PX: f32 = 3.0;
+        let Some(area) = self.coverage_of(polygon, LENS_BLUR_PX) else {
+            return;
+        };
+        for (plane, colour) in self.canvas.iter_mut().zip(colour) {
+            area.for_each_pixel(plane, self.size, &self.coverage, |pixel, share| {
+                *pixel += share * (f32::from(colour) - *pixel);
+            });
+        }
+    }
+
+    /// Leaves in `self.coverage` how much of each pixel a polygon covers, blurred, and returns the rectangle that this is.
+    fn coverage_of(&mut self, polygon: &[Vertex], blur_px: f32) -> Option<Area> {
+        let margin = 1.0 + 3.0 * blur_px;
         let low = |axis: usize| {
             polygon
                 .iter()
                 .map(|p| p[axis])
                 .fold(f32::INFINITY, f32::min)
-                - MARGIN_PX
+                - margin
         };
         let high = |axis: usize| {
             polygon
                 .iter()
                 .map(|p| p[axis])
                 .fold(f32::NEG_INFINITY, f32::max)
-                + MARGIN_PX
+                + margin
         };
-        let Some(area) = self.area([low(0), low(1)], [high(0), high(1)]) else {
-            return;
-        };
+        let area = self.area([low(0), low(1)], [high(0), high(1)])?;
         let local: Vec<Vertex> = polygon
             .iter()
             .map(|p| [p[0] - area.left as f32, p[1] - area.top as f32])
             .collect();
-        let coverage = &mut self.coverage[..area.size.area()];
-        fill_polygon(&local, area.size, coverage);
+        let pixels = area.size.area();
+        fill_polygon(&local, area.size, &mut self.coverage[..pixels]);
         blur(
-            coverage,
+            &mut self.coverage[..pixels],
             area.size,
-            LENS_BLUR_PX,
-            &mut self.scratch[..area.size.area()],
+            blur_px,
+            &mut self.scratch[..pixels],
         );
-        for (plane, colour) in self.canvas.iter_mut().zip(colour) {
-            for (y, coverage) in coverage.chunks_exact(area.size.width).enumerate() {
-                let row =
-                    &mut plane[(area.top + y) * self.size.width + area.left..][..area.size.width];
-                for (pixel, share) in row.iter_mut().zip(coverage) {
-                    *pixel += share * (f32::from(colour) - *pixel);
-                }
-            }
-        }
+        Some(area)
     }
 
     /// The pixels of a rectangle that lie in the picture.
@@ -223,6 +206,28 @@ struct Area {
     left: usize,
     top: usize,
     size: Size,
+}
+
+impl Area {
+    /// Calls `change` with each pixel of the rectangle in a plane and with how much of it is covered.
+    fn for_each_pixel(
+        &self,
+        plane: &mut [f32],
+        size: Size,
+        coverage: &[f32],
+        change: impl Fn(&mut f32, f32),
+    ) {
+        for (y, coverage) in coverage
+            .chunks_exact(self.size.width)
+            .take(self.size.height)
+            .enumerate()
+        {
+            let row = &mut plane[(self.top + y) * size.width + self.left..][..self.size.width];
+            row.iter_mut()
+                .zip(coverage)
+                .for_each(|(pixel, &share)| change(pixel, share));
+        }
+    }
 }
 
 /// Grey-brown tiles with joints and a grain, already blurred.
