@@ -4,7 +4,7 @@
 //! things without markers, some of which tempt the recogniser: dark spots on bright ground. Everything is a function of the
 //! frame's number and a seed, so that any frame can be drawn without the ones before it and the truth is known for each.
 //!
-//! [`render`](crate::render) draws it. The scene was laid out for 640 x 480 pixels; other sizes scale it.
+//! The module `render` draws it. The scene was laid out for 640 x 480 pixels; other sizes scale it.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::time::{Duration, Instant};

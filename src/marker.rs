@@ -1,7 +1,7 @@
 //! Marker families: what they look like to the camera, and which one a figure is (sections 2.2.2 and 2.2.3 of the paper).
 //!
-//! A figure is a marker when three things agree: the descriptor's distance from a [reference](crate::reference), the area of
-//! the plate for the area of the figure, and the [pattern](crate::pattern) of light and dark over the whole plate.
+//! A figure is a marker when three things agree: the descriptor's distance from a `reference`, the area of
+//! the plate for the area of the figure, and the `pattern` of light and dark over the whole plate.
 
 use std::path::Path;
 
