@@ -88,7 +88,7 @@ fn pixels(criterion: &mut Criterion) {
     });
     let mut mask = vec![0; SIZE.area()];
     criterion.bench_function(&name("threshold"), |b| {
-        b.iter(|| window_threshold(&differences, SIZE, &mut mask, 120))
+        b.iter(|| window_threshold(&differences, SIZE, &mut mask, 220))
     });
     let mut scratch = vec![0; SIZE.area()];
     criterion.bench_function(&name("opening-and-closing"), |b| {

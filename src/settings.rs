@@ -43,7 +43,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             learn: 30,
-            threshold: 120,
+            threshold: 220,
             shadow: 0.4,
             glare: 0.1,
             noise: 6,
