@@ -34,7 +34,7 @@
 //! # The program
 //!
 //! [`cli`] defines the arguments, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the books
-//! of the frames, `status` shows that they live.
+//! of the frames, [`status`] shows that they live and words errors.
 //!
 //! # What is deliberately absent
 //!
@@ -75,7 +75,7 @@ mod segmentation;
 pub mod settings;
 mod setup;
 pub mod source;
-mod status;
+pub mod status;
 pub mod topics;
 mod v4l2;
 pub mod watch;

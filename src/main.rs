@@ -9,6 +9,7 @@ use anyhow::Context;
 use clap::Parser;
 use overcam::cli::{Cli, Command};
 use overcam::run::{Completion, run};
+use overcam::status::{one_line, tell};
 use overcam::{devices, recover, watch};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -20,7 +21,7 @@ fn main() -> ExitCode {
         Ok(Completion::Done) => ExitCode::SUCCESS,
         Ok(Completion::FramesLost) => ExitCode::from(FRAMES_LOST),
         Err(error) => {
-            eprintln!("overcam: {error:#}");
+            tell(format_args!("overcam: {}", one_line(&error)));
             ExitCode::FAILURE
         }
     }
@@ -37,7 +38,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Completion> {
     let mut out = std::io::stdout().lock();
     match &cli.command {
         None => return run(&cli.run, &stop, &mut out),
-        Some(Command::Devices) => devices::list(&mut out)?,
+        Some(Command::Devices) => devices::list(&mut out).context("standard output")?,
         Some(Command::Watch { service, frames }) => {
             watch::watch(service, *frames, &stop, &mut out)?
         }
@@ -49,7 +50,8 @@ fn execute(cli: &Cli) -> anyhow::Result<Completion> {
                 out,
                 "{}: {images} frames, {seconds:.2} s; {damaged} damaged records left out",
                 output.display()
-            )?;
+            )
+            .context("standard output")?;
         }
     }
     Ok(Completion::Done)

@@ -36,7 +36,7 @@ use crate::publish::{Publisher, monotonic_ns};
 use crate::record::{RecordError, Recorder, Summary};
 use crate::setup::Setup;
 use crate::source::{Next, Slot, Source, SourceError};
-use crate::status::Status;
+use crate::status::{Status, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
 const SLOTS: usize = 16;
@@ -444,7 +444,7 @@ fn record(
     for slot in queue {
         if !stopped && let Err(error) = recorder.write(&slot) {
             // Said at once: whoever is there can make room, and the positions go on meanwhile.
-            eprintln!("overcam: {error}");
+            tell(format_args!("overcam: {error}"));
             stopped = error.is_final();
             first_error.get_or_insert(error);
         }
@@ -458,7 +458,7 @@ fn record(
         },
         Err(error) => {
             if !stopped {
-                eprintln!("overcam: {error}");
+                tell(format_args!("overcam: {error}"));
             }
             Recording {
                 summary: written,
@@ -541,9 +541,9 @@ fn finish(
     } else {
         String::new()
     };
-    eprintln!(
+    tell(format_args!(
         "overcam: {captured} frames: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}"
-    );
+    ));
     result?;
     let lost_from_recording =
         books.unrecorded > 0 || recording.is_some_and(|recording| recording.error.is_some());

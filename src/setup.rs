@@ -11,6 +11,7 @@ use crate::pipeline::Pipeline;
 use crate::provenance::Provenance;
 use crate::settings::Settings;
 use crate::source::{Slot, Source, SourceInfo};
+use crate::status::tell;
 
 /// A pipeline, and what it was made from.
 #[derive(Debug)]
@@ -113,41 +114,41 @@ impl Setup {
             .rate_hz
             .map_or(String::new(), |rate| format!(" at {rate:.4} frames/s"));
         let (width, height) = (info.size.width, info.size.height);
-        eprintln!(
+        tell(format_args!(
             "overcam: {}, {width} x {height}, {:?}{rate}",
             info.name, info.format
-        );
+        ));
         let names: Vec<&str> = self
             .provenance
             .markers
             .iter()
             .map(|marker| marker.name.as_str())
             .collect();
-        eprintln!(
+        tell(format_args!(
             "overcam: looking for {} markers: {}",
             names.len(),
             names.join(", ")
-        );
+        ));
         if let Some(residual) = self.residual_px {
-            eprintln!(
+            tell(format_args!(
                 "overcam: positions are in metres on the floor; the calibration's residual is {residual:.2} px"
-            );
+            ));
         }
         if matches!(self.background, Background::Learned) {
-            eprintln!(
+            tell(format_args!(
                 "overcam: learning the empty floor from the first {} frames; results start after them",
                 self.settings.learn
-            );
+            ));
         }
         if !args.no_publish {
             let service = &args.service;
-            eprintln!(
+            tell(format_args!(
                 "overcam: publishing on {service}{}; see it with: overcam watch --service {service}",
                 scene::SERVICE_SUFFIX
-            );
+            ));
         }
         if let Some(path) = &args.record {
-            eprintln!("overcam: recording to {}", path.display());
+            tell(format_args!("overcam: recording to {}", path.display()));
         }
     }
 }

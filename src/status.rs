@@ -1,7 +1,8 @@
-//! What a person sees of a running overcam: a line that says that it lives.
+//! What a person sees of a running overcam on standard error: a line that says that it lives, and the line of an error.
 //!
 //! On a terminal the line is renewed every second in place; elsewhere, in a log, a new one comes every ten seconds.
 
+use std::fmt;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
@@ -75,20 +76,58 @@ impl Status {
         } else {
             ("", "\n")
         };
-        // A line that cannot be shown is no reason to stop.
-        let _ = write!(std::io::stderr(), "{start}overcam: {line}{end}");
+        put(format_args!("{start}overcam: {line}{end}"));
     }
 
     /// Says something in a line of its own.
     pub(crate) fn say(&self, message: &str) {
         self.clear();
-        eprintln!("overcam: {message}");
+        tell(format_args!("overcam: {message}"));
     }
 
     /// Takes the line off a terminal.
     pub(crate) fn clear(&self) {
         if self.terminal {
-            eprint!("\r\x1b[K");
+            put(format_args!("\r\x1b[K"));
         }
+    }
+}
+
+/// An error with its causes, in one line. Most errors name their cause in their own words; it is not repeated then.
+#[must_use]
+pub fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if line.is_empty() {
+            line = cause;
+        } else if !line.contains(&cause) {
+            line = format!("{line}: {cause}");
+        }
+    }
+    line
+}
+
+/// Writes a line to standard error.
+pub fn tell(line: fmt::Arguments<'_>) {
+    put(format_args!("{line}\n"));
+}
+
+/// A text that cannot be shown, because its reader has gone or the disk of a log is full, is no reason to stop: `eprint!` would
+/// panic.
+fn put(text: fmt::Arguments<'_>) {
+    let _ = std::io::stderr().write_fmt(text);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::anyhow;
+
+    #[test]
+    fn an_error_names_each_cause_once() {
+        let says_all = anyhow!("no such file").context("a.png cannot be read: no such file");
+        assert_eq!(one_line(&says_all), "a.png cannot be read: no such file");
+        let says_part = anyhow!("no such file").context("a.png cannot be read");
+        assert_eq!(one_line(&says_part), "a.png cannot be read: no such file");
     }
 }

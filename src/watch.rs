@@ -23,6 +23,7 @@ use scene::Scene;
 
 use crate::json;
 use crate::publish::{Ipc, NameError, node, service_name};
+use crate::status::tell;
 
 /// Longest wait before the stop flag is looked at.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
@@ -143,7 +144,9 @@ impl Connection {
                 return Ok(Some(connection));
             }
             if !said {
-                eprintln!("watch: waiting for service `{name}`: no overcam publishes it yet");
+                tell(format_args!(
+                    "watch: waiting for service `{name}`: no overcam publishes it yet"
+                ));
                 said = true;
             }
             std::thread::sleep(POLL_PERIOD);
@@ -268,7 +271,10 @@ impl Progress {
             self.n_missing += sequence.saturating_sub(self.next_sequence);
         } else {
             if self.publisher.is_some() || self.absent {
-                eprintln!("watch: service `{}` has a new publisher", self.service);
+                tell(format_args!(
+                    "watch: service `{}` has a new publisher",
+                    self.service
+                ));
             }
             self.publisher = Some(publisher);
             self.absent = false;
@@ -287,20 +293,20 @@ impl Progress {
         self.heard = Instant::now();
         connection.service.try_cleanup_dead_nodes();
         if connection.service.dynamic_config().number_of_publishers() == 0 {
-            eprintln!(
+            tell(format_args!(
                 "watch: nobody publishes on service `{}`: waiting",
                 self.service
-            );
+            ));
             self.absent = true;
         }
     }
 
     fn report_missing(&mut self) {
         if self.n_missing > self.n_reported {
-            eprintln!(
+            tell(format_args!(
                 "watch: {} frames without a scene here: passed over by overcam, or not read in time",
                 self.n_missing
-            );
+            ));
             self.n_reported = self.n_missing;
             self.reported = Instant::now();
         }
