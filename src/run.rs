@@ -94,7 +94,9 @@ pub fn run(
     stop: &Arc<AtomicBool>,
     out: &mut impl Write,
 ) -> anyhow::Result<Completion> {
-    let source = Source::open(&args.device, &args.wish())?;
+    let Some(source) = open_source(args, stop)? else {
+        return Ok(Completion::Done);
+    };
     let info = source.info();
     let setup = Setup::new(args, &source)?;
     let recorder = args
@@ -175,6 +177,23 @@ pub fn run(
         args,
         processed.and(captured.map_err(Into::into)),
     )
+}
+
+/// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
+fn open_source(args: &RunArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
+    let (to_run, opened) = sync_channel(1);
+    let (device, wish) = (args.device.clone(), args.wish());
+    let opening = spawn("open", move || {
+        drop(to_run.send(Source::open(&device, &wish)));
+    })?;
+    loop {
+        match opened.recv_timeout(POLL) {
+            Ok(source) => return Ok(Some(source?)),
+            Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Ok(None),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return joined(opening, "open").map(|()| None),
+        }
+    }
 }
 
 /// Counters of the capture thread, which may outlive the run: reading from a pipe cannot be interrupted.
