@@ -99,16 +99,17 @@ pub fn run(
     };
     let info = source.info();
     let setup = Setup::new(args, &source)?;
-    let recorder = args
-        .record
-        .as_ref()
-        .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
-        .transpose()?;
     let publisher = if args.no_publish {
         None
     } else {
         Some(Publisher::open(&args.service)?)
     };
+    // Last, so that a run that cannot start leaves no file behind.
+    let recorder = args
+        .record
+        .as_ref()
+        .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
+        .transpose()?;
     setup.announce(args, &info);
 
     let (to_process, frames) = sync_channel(SLOTS);
