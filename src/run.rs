@@ -159,9 +159,13 @@ pub fn run(
         status: Status::new(info.live),
         out,
         line: Vec::new(),
+        n_scenes: 0,
         books: Books::default(),
     };
     let processed = stage.run(&frames, stop);
+    if processed.is_ok() && stage.n_scenes == 0 && stage.books.processed > 0 {
+        stage.explain_silence();
+    }
     let mut books = stage.books;
     // The recorder ends with the last slot that is sent to it, and capture when nobody takes its frames.
     drop((frames, stage));
@@ -314,6 +318,7 @@ struct ProcessStage<'a, W> {
     status: Status,
     out: &'a mut W,
     line: Vec<u8>,
+    n_scenes: u64,
     books: Books,
 }
 
@@ -392,6 +397,7 @@ impl<W: Write> ProcessStage<'_, W> {
         self.books.processed += 1;
         let mut result = Ok(());
         if outcome == Outcome::Scene {
+            self.n_scenes += 1;
             result = self.deliver(&mut slot);
             let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
             let latency = if self.live {
@@ -426,6 +432,15 @@ impl<W: Write> ProcessStage<'_, W> {
                 .context("standard output")?;
         }
         Ok(())
+    }
+
+    /// To be said when there were frames and no results.
+    fn explain_silence(&self) {
+        self.status.say(&format!(
+            "no results: all {} frames went into learning the empty floor; learn from fewer with --learn N, \
+             or give a picture of it with --background FILE",
+            self.books.processed
+        ));
     }
 
     /// What is to be done when no frame comes.
