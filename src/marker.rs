@@ -144,7 +144,8 @@ pub enum FamilyError {
     },
     /// Two shapes look alike.
     #[error(
-        "markers {first} and {second}: they are {distance:.4} apart, at least {SEPARATION_MIN} is needed to tell them apart"
+        "markers {first} and {second}: they are {distance:.4} apart, at least {SEPARATION_MIN} is needed to tell them apart; \
+         take one away or change its shape"
     )]
     TooAlike {
         /// One name.

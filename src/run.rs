@@ -391,7 +391,8 @@ impl<W: Write> ProcessStage<'_, W> {
             Err(error) => {
                 let sequence = slot.frame.sequence;
                 self.pass_over(slot);
-                return Err(error).with_context(|| format!("frame {sequence}"));
+                let source = &self.setup.provenance.source;
+                return Err(error).with_context(|| format!("{source}: frame {sequence}"));
             }
         };
         self.books.processed += 1;

@@ -1,6 +1,6 @@
 //! What a run works with: arguments, the recording that is replayed, and defaults, in this order.
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 
 use crate::calibration::Calibration;
 use crate::cli::RunArgs;
@@ -58,10 +58,10 @@ impl Setup {
             _ => built_in_files(),
         };
         let calibration_text = match &args.calibration {
-            Some(path) => Some(std::fs::read_to_string(path).with_context(|| {
-                format!(
-                    "calibration {} cannot be read; name a TOML file with [[points]]",
-                    path.display()
+            Some(path) => Some(std::fs::read_to_string(path).map_err(|source| {
+                let path = path.display();
+                anyhow!(
+                    "calibration {path} cannot be read ({source}); name a TOML file with [[points]]"
                 )
             })?),
             None => recorded.and_then(|provenance| provenance.calibration.clone()),
@@ -69,7 +69,11 @@ impl Setup {
         let calibration = calibration_text
             .as_deref()
             .map(Calibration::from_toml)
-            .transpose()?;
+            .transpose()
+            .with_context(|| match &args.calibration {
+                Some(path) => path.display().to_string(),
+                None => args.device.clone(),
+            })?;
         let provenance = Provenance {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             source: info.name.clone(),
@@ -110,9 +114,9 @@ impl Setup {
 
     /// Says on standard error what the run does and where its results are.
     pub(crate) fn announce(&self, args: &RunArgs, info: &SourceInfo) {
-        let rate = info
-            .rate_hz
-            .map_or(String::new(), |rate| format!(" at {rate:.4} frames/s"));
+        let rate = info.rate_hz.map_or(String::new(), |rate| {
+            format!(" at {} frames/s", (rate * 100.0).round() / 100.0)
+        });
         let (width, height) = (info.size.width, info.size.height);
         tell(format_args!(
             "overcam: {}, {width} x {height}, {:?}{rate}",
