@@ -33,6 +33,8 @@ pub(crate) enum Chunks {
 pub(crate) struct Records<R> {
     source: R,
     reader: LinearReader,
+    /// What is still expected of the file's first bytes.
+    magic: &'static [u8],
 }
 
 /// One record: its type and its content.
@@ -88,7 +90,9 @@ pub(crate) fn open(path: &Path) -> Result<File, OpenError> {
 impl<R: Read> Records<R> {
     /// Records of a whole MCAP file.
     pub(crate) fn new(source: R, chunks: Chunks) -> Self {
-        Self::with_options(source, LinearReaderOptions::default(), chunks)
+        let mut records = Self::with_options(source, LinearReaderOptions::default(), chunks);
+        records.magic = mcap::MAGIC;
+        records
     }
 
     fn with_options(source: R, options: LinearReaderOptions, chunks: Chunks) -> Self {
@@ -99,6 +103,7 @@ impl<R: Read> Records<R> {
         Self {
             source,
             reader: LinearReader::new_with_options(options),
+            magic: &[],
         }
     }
 
@@ -115,6 +120,13 @@ impl<R: Read> Records<R> {
                 Ok(LinearReadEvent::ReadRequest(n_bytes)) => {
                     let buffer = self.reader.insert(n_bytes.min(PORTION_BYTES));
                     let n_read = read(&mut self.source, buffer).map_err(RecordsError::File)?;
+                    // The reader looks at the magic bytes as a whole, and would take a shorter text for a recording cut there.
+                    let n_magic = n_read.min(self.magic.len());
+                    let (due, rest) = self.magic.split_at(n_magic);
+                    if buffer[..n_magic] != *due {
+                        return Err(RecordsError::NotMcap);
+                    }
+                    self.magic = rest;
                     self.reader.notify_read(n_read);
                 }
                 Err(McapError::UnexpectedEof) => return Err(RecordsError::Truncated),
@@ -207,6 +219,11 @@ mod tests {
         assert!(matches!(
             first(b"RIFF....AVI "),
             Some(RecordsError::NotMcap)
+        ));
+        assert!(matches!(first(b"hello"), Some(RecordsError::NotMcap)));
+        assert!(matches!(
+            first(&mcap::MAGIC[..5]),
+            Some(RecordsError::Truncated)
         ));
         assert!(matches!(first(mcap::MAGIC), Some(RecordsError::Truncated)));
     }
