@@ -1,0 +1,155 @@
+//! Runs that are stopped, killed, or run out of room.
+
+use std::fs;
+use std::io::Write;
+use std::process::{Command, Stdio};
+
+use crate::fixture::{PLAIN, Running, folder, overcam, parse, printed, run, sequence_of, y4m};
+
+#[test]
+fn an_interrupted_recording_is_complete() {
+    let folder = folder();
+    for signal in ["INT", "TERM"] {
+        let file = format!("{signal}.mcap");
+        let running = Running::start(&mut overcam(
+            folder.path(),
+            &[&PLAIN[..], &["--json", "--record", &file]].concat(),
+        ));
+        let mut lines: Vec<String> = (0..20).map(|_| running.next_line()).collect();
+        running.signal(signal);
+        let ended = running.end();
+        assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
+        lines.extend(ended.lines);
+        let replayed = printed(
+            folder.path(),
+            &["--device", &file, "--json", "--no-publish"],
+        );
+        assert!(replayed == lines, "{} frames", replayed.len());
+    }
+}
+
+#[test]
+fn a_silent_pipe_does_not_keep_a_run_from_stopping() {
+    let folder = folder();
+    let stream = y4m(20);
+    // Before the header, within it, and within a frame that never ends.
+    for (n_bytes, n_lines) in [(0, 0), (9, 0), (stream.len() - 1000, 4)] {
+        let mut running = Running::start(
+            overcam(
+                folder.path(),
+                &[&PLAIN[..], &["--device", "-", "--learn", "15", "--json"]].concat(),
+            )
+            .stdin(Stdio::piped()),
+        );
+        let mut pipe = running.stdin.take().expect("standard input is piped");
+        pipe.write_all(&stream[..n_bytes]).expect("it is read");
+        let sequences: Vec<u64> = (0..n_lines)
+            .map(|_| sequence_of(&running.next_line()))
+            .collect();
+        assert_eq!(sequences, (15..15 + n_lines).collect::<Vec<_>>());
+        if n_lines == 0 {
+            // Nothing tells when the program begins to wait; a signal that comes before it listens ends it as well, but with
+            // another status. A signal that is caught shows in /proc.
+            wait_until_it_catches_signals(running.id());
+        }
+        running.signal("INT");
+        let ended = running.end();
+        assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
+        drop(pipe);
+    }
+}
+
+fn wait_until_it_catches_signals(id: u32) {
+    const SIGINT_BIT: u64 = 1 << 1;
+    loop {
+        let status = fs::read_to_string(format!("/proc/{id}/status")).expect("it is alive");
+        let caught = status
+            .lines()
+            .find_map(|line| line.strip_prefix("SigCgt:"))
+            .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
+            .expect("Linux tells the signals that are caught");
+        if caught & SIGINT_BIT != 0 {
+            return;
+        }
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn a_killed_recording_loses_at_most_a_second_and_is_recovered() {
+    let folder = folder();
+    let running = Running::start(&mut overcam(
+        folder.path(),
+        &[&PLAIN[..], &["--json", "--record", "run.mcap"]].concat(),
+    ));
+    let mut lines: Vec<String> = (0..50).map(|_| running.next_line()).collect();
+    lines.extend(running.kill());
+    // The last line may have been cut by the kill.
+    lines.retain(|line| serde_json::from_str::<serde_json::Value>(line).is_ok());
+
+    // As it is, it plays what it holds and says how to mend it.
+    let replay = |file| run(folder.path(), &["--device", file, "--json", "--no-publish"]);
+    let cut = replay("run.mcap");
+    assert_eq!(cut.status, Some(1));
+    let last = cut.errors.last().map_or("", String::as_str);
+    assert!(
+        last.contains("`overcam recover run.mcap -o NEW`"),
+        "{:?}",
+        cut.errors
+    );
+
+    let said = printed(folder.path(), &["recover", "run.mcap", "-o", "whole.mcap"]);
+    let whole = replay("whole.mcap");
+    assert_eq!(whole.status, Some(0), "{:?}", whole.errors);
+    let n_frames = whole.lines.len();
+    assert_eq!(cut.lines, whole.lines);
+    assert!(
+        said[0].starts_with(&format!("whole.mcap: {n_frames} frames")),
+        "{said:?}"
+    );
+    // A frame may have been recorded whose line was not printed yet.
+    let n_both = n_frames.min(lines.len());
+    assert!(whole.lines[..n_both] == lines[..n_both]);
+    let stamp_ns = |lines: &[String]| {
+        let last = lines.last().expect("there are frames");
+        parse(last)["stamp_ns"].as_u64().expect("a number")
+    };
+    let lost_ns = stamp_ns(&lines).saturating_sub(stamp_ns(&whole.lines));
+    assert!(lost_ns <= 1_000_000_000, "{lost_ns} ns are lost");
+}
+
+#[test]
+fn a_recording_without_room_costs_frames_of_it_and_nothing_else() {
+    let folder = folder();
+    // Files of at most 3 MB; without the trap the first byte too many would kill.
+    let command = "trap '' XFSZ; ulimit -f 6144; exec \"$0\" \"$@\"";
+    let arguments = [&PLAIN[..], &["--frames", "30", "--json"]].concat();
+    let limited = Running::start(
+        Command::new("sh")
+            .args(["-c", command, env!("CARGO_BIN_EXE_overcam")])
+            .args(arguments)
+            .args(["--record", "run.mcap"])
+            .current_dir(folder.path())
+            .stdin(Stdio::null()),
+    )
+    .end();
+    assert_eq!(limited.status, Some(3), "{:?}", limited.errors);
+    assert_eq!(limited.lines.len(), 30, "every frame has its result");
+    let failed =
+        |line: &&String| line.contains("run.mcap cannot be written any more (File too large");
+    assert_eq!(limited.errors.iter().filter(failed).count(), 1);
+    let last = limited.errors.last().map_or("", String::as_str);
+    assert!(last.ends_with("lost from it"), "{:?}", limited.errors);
+
+    // What it holds replays to the very results.
+    let replayed = run(
+        folder.path(),
+        &["--device", "run.mcap", "--json", "--no-publish"],
+    );
+    assert!(!replayed.lines.is_empty());
+    assert!(limited.lines.starts_with(&replayed.lines));
+    assert!(
+        last.contains(&format!("; {} frames (", replayed.lines.len())),
+        "{last}"
+    );
+}
