@@ -21,9 +21,9 @@ use imgproc::median::median_3x3;
 use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::threshold::window_threshold;
 use imgproc::{Point, Size};
-use overcam::demo::{Floor, NATURAL_SIZE};
 use overcam::frame::{Picture, decode};
-use overcam::source::Slot;
+use overcam::slot::Slot;
+use overcam::source::demo::{Floor, NATURAL_SIZE};
 use predict::{Observation, Settings, Tracker};
 use rustfft::FftPlanner;
 

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use imgproc::Size;
 
-use crate::camera::Wish;
 use crate::frame::PixelFormat;
-use crate::image_message::ImageMode;
+use crate::recording::image_message::ImageMode;
 use crate::settings::Settings;
+use crate::source::camera::Wish;
 
 /// One camera on the ceiling becomes a positioning service for everything on the floor.
 ///

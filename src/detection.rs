@@ -6,8 +6,8 @@ use imgproc::contour::{
 };
 use imgproc::{Bounds, Point, Size};
 
-use crate::cutout::{Cutout, CutoutScratch, contour_capacity, find_figures};
 use crate::frame::Picture;
+use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_figures};
 use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::outline::{Outline, simplified};
 

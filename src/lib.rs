@@ -12,29 +12,20 @@
 //!
 //! * [`frame`]: a frame in the format of its source, decoded into colour planes ([`jpeg`] decodes JPEG);
 //! * `segmentation`: the mask of everything that differs from the empty floor, which it also learns;
-//! * `detection`: shapes of the mask, each a marked object or an obstacle. `cutout` finds the dark figure on a bright plate,
-//!   [`marker`] says which marker it is, by the `reference`s it learned and the `pattern` of the plate; `outline` simplifies
-//!   contours;
+//! * `detection`: shapes of the mask, each a marked object or an obstacle; [`marker`] reads what is on them, `outline`
+//!   simplifies contours;
 //! * [`calibration`]: from pixels to metres on the floor;
 //! * [`settings`]: everything that decides what is found.
 //!
-//! [`drawing`] reads markers from SVG files; `raster` draws polygons exactly.
+//! # Around it
 //!
-//! # Frames in
-//!
-//! [`source`] is an enum over [`camera`] (on `v4l2`, the only file with `unsafe`; [`devices`] lists them), [`y4m`], [`pictures`],
-//! [`replay`] and [`demo`], the synthetic floor with exact truth that `render` draws.
-//!
-//! # Results out
-//!
-//! [`json`] writes a scene as a line, [`publish`] puts it into shared memory, from where [`watch`] and any planner read it;
-//! [`record`] writes frames and results as MCAP ([`topics`], [`image_message`] and `annotate` say how, [`provenance`] what a replay
-//! needs to know), and [`recover`] completes a recording that was cut off.
-//!
-//! # The program
-//!
-//! [`cli`] defines the arguments, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the books
-//! of the frames, [`status`] shows that they live and words errors.
+//! * [`source`]: where frames come from, cameras, files, recordings, and the demo floor with exact truth;
+//! * [`slot`]: what travels through the program with a frame;
+//! * [`recording`]: frames and results into MCAP, and back;
+//! * [`publish`]: scenes into shared memory, from where [`watch`] and any planner read them; [`json`]: a scene as a line;
+//! * [`cli`] defines the arguments, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the
+//!   books of the frames, [`status`] shows that they live;
+//! * `raster` draws polygons exactly, for the demo and for the markers' references.
 //!
 //! # What is deliberately absent
 //!
@@ -42,41 +33,23 @@
 //! random numbers: the same frames give the same scenes, live and replayed. There is no fourth thread, no lock and no
 //! asynchronous runtime.
 
-mod annotate;
 pub mod calibration;
-pub mod camera;
 pub mod cli;
-mod cutout;
-pub mod demo;
 mod detection;
-pub mod devices;
-pub mod drawing;
 pub mod frame;
-pub mod image_message;
 pub mod jpeg;
 pub mod json;
 pub mod marker;
-mod negotiation;
 mod outline;
-mod pattern;
-pub mod pictures;
 pub mod pipeline;
-pub mod provenance;
 pub mod publish;
 mod raster;
-pub mod record;
-mod records;
-pub mod recover;
-mod reference;
-mod render;
-pub mod replay;
+pub mod recording;
 pub mod run;
 mod segmentation;
 pub mod settings;
 mod setup;
+pub mod slot;
 pub mod source;
 pub mod status;
-pub mod topics;
-mod v4l2;
 pub mod watch;
-pub mod y4m;

@@ -8,9 +8,11 @@ use std::sync::atomic::AtomicBool;
 use anyhow::Context;
 use clap::Parser;
 use overcam::cli::{Cli, Command};
+use overcam::recording::recover;
 use overcam::run::{Completion, run};
+use overcam::source::devices;
 use overcam::status::{one_line, tell};
-use overcam::{devices, recover, watch};
+use overcam::watch;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Finished, but frames were lost from the recording.

@@ -1,7 +1,14 @@
 //! Marker families: what they look like to the camera, and which one a figure is (sections 2.2.2 and 2.2.3 of the paper).
 //!
-//! A figure is a marker when three things agree: the descriptor's distance from a `reference`, the area of
-//! the plate for the area of the figure, and the `pattern` of light and dark over the whole plate.
+//! [`drawing`] reads a marker from its SVG file, `cutout` finds the dark figures on the bright plates of a shape.
+//!
+//! A figure is a marker when three things agree: the descriptor's distance from a `reference`, the area of the plate for the
+//! area of the figure, and the `pattern` of light and dark over the whole plate.
+
+pub(crate) mod cutout;
+pub mod drawing;
+mod pattern;
+pub(crate) mod reference;
 
 use std::path::Path;
 
@@ -9,10 +16,12 @@ use fourier::descriptor::{Descriptor, describe};
 use fourier::matching::{Match, compare, distances};
 use fourier::{N, contour::resample, wrapped};
 
-use crate::cutout::{Cutout, Figure};
-use crate::drawing::{Drawing, DrawingError, read_drawing};
-use crate::pattern::Pattern;
-use crate::reference::{BLURS_PX, NoReference, ORIENTATION_MIN, PLATES_PX, Placement, Reference};
+use crate::marker::cutout::{Cutout, Figure};
+use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
+use crate::marker::pattern::Pattern;
+use crate::marker::reference::{
+    BLURS_PX, NoReference, ORIENTATION_MIN, PLATES_PX, Placement, Reference,
+};
 
 /// The built-in family: name and SVG text.
 pub const BUILT_IN: [(&str, &str); 9] = [
@@ -413,8 +422,8 @@ pub fn read_folder(folder: &Path) -> Result<Vec<MarkerFile>, FamilyError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cutout::{CutoutScratch, find_figures};
-    use crate::reference::render;
+    use crate::marker::cutout::{CutoutScratch, find_figures};
+    use crate::marker::reference::render;
     use imgproc::Size;
 
     const SETTINGS: RecognitionSettings = RecognitionSettings {

@@ -13,7 +13,7 @@ use crate::frame::{DecodeError, Picture, decode};
 use crate::marker::Family;
 use crate::segmentation::{Learner, Segmenter};
 use crate::settings::Settings;
-use crate::source::Slot;
+use crate::slot::Slot;
 
 /// Steps of a forecast come as near to this as whole frames can.
 const FORECAST_STEP_S: f64 = 1.0 / 15.0;

@@ -33,9 +33,10 @@ use crate::cli::RunArgs;
 use crate::json;
 use crate::pipeline::Outcome;
 use crate::publish::{Publisher, monotonic_ns};
-use crate::record::{RecordError, Recorder, Summary};
+use crate::recording::record::{RecordError, Recorder, Summary};
 use crate::setup::Setup;
-use crate::source::{Next, Slot, Source, SourceError};
+use crate::slot::{Next, Slot};
+use crate::source::{Source, SourceError};
 use crate::status::{Status, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.

@@ -6,11 +6,12 @@ use crate::calibration::Calibration;
 use crate::cli::RunArgs;
 use crate::frame::Picture;
 use crate::marker::{Family, built_in_files, read_folder};
-use crate::pictures::read_picture;
 use crate::pipeline::Pipeline;
-use crate::provenance::Provenance;
+use crate::recording::provenance::Provenance;
 use crate::settings::Settings;
-use crate::source::{Slot, Source, SourceInfo};
+use crate::slot::{Slot, SourceInfo};
+use crate::source::Source;
+use crate::source::pictures::read_picture;
 use crate::status::tell;
 
 /// A pipeline, and what it was made from.

@@ -1,71 +1,29 @@
 //! Where frames come from: one enum, because its members are known.
+//!
+//! [`camera`] captures from a V4L2 device ([`devices`] lists them, `negotiation` chooses among what a camera offers, `v4l2` is the
+//! kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`pictures`] read files,
+//! [`replay`](crate::recording::replay) reads recordings, and [`demo`] is the synthetic floor that `render` draws.
+
+pub mod camera;
+pub mod demo;
+pub mod devices;
+mod negotiation;
+pub mod pictures;
+mod render;
+mod v4l2;
+pub mod y4m;
 
 use std::fs::File;
 use std::io::{BufReader, Stdin};
 use std::path::{Path, PathBuf};
 
-use imgproc::Size;
-
-use crate::camera::{Camera, CameraError, Counters, Wish};
-use crate::demo::{self, Demo};
-use crate::frame::{Frame, Picture, PixelFormat};
-use crate::pictures::{self, PictureError, Pictures};
-use crate::provenance::Provenance;
-use crate::replay::{Recording, ReplayError};
-use crate::y4m::{Y4m, Y4mError};
-
-/// What a source says about its frames before the first one.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SourceInfo {
-    /// What a person would call it: the camera's name and node, a file's path, "demo floor".
-    pub name: String,
-    /// Size of every frame.
-    pub size: Size,
-    /// Layout of every frame.
-    pub format: PixelFormat,
-    /// Frames per second, where the source states it.
-    pub rate_hz: Option<f64>,
-    /// Frames come whether or not somebody takes them: the newest one wins, and one that finds no room is dropped.
-    pub live: bool,
-}
-
-/// What [`Source::next`] found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Next {
-    /// A frame; the slot is filled.
-    Frame,
-    /// Nothing yet: look whether the program should stop, then ask again.
-    Nothing,
-    /// No more frames.
-    End,
-}
-
-/// What travels through the program with a frame.
-#[derive(Debug)]
-pub struct Slot {
-    /// The frame.
-    pub frame: Frame,
-    /// The frame was captured but not processed, because a newer one was there or its bytes were no picture.
-    pub passed_over: bool,
-    /// The picture of the empty floor that applies from this frame on, if it changes here. A source sets it where it knows
-    /// the floor (the demo, a recording), the pipeline sets it when it has learned one.
-    pub background: Option<Picture>,
-    /// What was found in the frame.
-    pub scene: Box<scene::Scene>,
-}
-
-impl Slot {
-    /// A slot without a frame, to be filled by a source.
-    #[must_use]
-    pub fn empty() -> Self {
-        Self {
-            frame: Frame::empty(),
-            passed_over: false,
-            background: None,
-            scene: Box::new(scene::Scene::EMPTY),
-        }
-    }
-}
+use crate::recording::provenance::Provenance;
+use crate::recording::replay::{Recording, ReplayError};
+use crate::slot::{Next, Slot, SourceInfo};
+use crate::source::camera::{Camera, CameraError, Counters, Wish};
+use crate::source::demo::Demo;
+use crate::source::pictures::{PictureError, Pictures};
+use crate::source::y4m::{Y4m, Y4mError};
 
 /// Frames of any origin.
 pub enum Source {

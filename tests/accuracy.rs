@@ -1,11 +1,11 @@
 //! What the whole chain finds on the demo floor, against the truth.
 
 use overcam::calibration::{Calibration, PointPair};
-use overcam::demo::{Floor, NATURAL_SIZE, RATE_HZ, Truth};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
 use overcam::settings::Settings;
-use overcam::source::Slot;
+use overcam::slot::Slot;
+use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ, Truth};
 
 fn family() -> Family {
     Family::from_files(&built_in_files()).expect("the built-in family is usable")

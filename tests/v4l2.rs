@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use std::{env, fs};
 
 use imgproc::Size;
-use overcam::camera::{Camera, CameraError, Counters, Wish};
-use overcam::devices;
 use overcam::frame::{Frame, Picture, PixelFormat, decode};
-use overcam::source::Next;
+use overcam::slot::Next;
+use overcam::source::camera::{Camera, CameraError, Counters, Wish};
+use overcam::source::devices;
 
 const VGA: Size = Size {
     width: 640,

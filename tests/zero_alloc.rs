@@ -1,17 +1,17 @@
 //! The pipeline allocates nothing for a frame, and what a frame gives does not depend on the frames that its memory held before.
 //!
-//! An allocator counts; it and `src/v4l2.rs` are the only places with `unsafe`.
+//! An allocator counts; it and `src/source/v4l2.rs` are the only places with `unsafe`.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use overcam::demo::{Floor, NATURAL_SIZE, RATE_HZ};
 use overcam::frame::{Frame, Picture, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
 use overcam::settings::Settings;
-use overcam::source::Slot;
+use overcam::slot::Slot;
+use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ};
 use scene::Scene;
 
 thread_local! {

@@ -6,7 +6,7 @@ use std::path::Path;
 use imgproc::Size;
 use jpeg_encoder::{ColorType, Encoder};
 use overcam::frame::Picture;
-use overcam::pictures::write_png;
+use overcam::source::pictures::write_png;
 
 use crate::fixture::{
     Ended, PLAIN, Pairs, STRAIGHT, folder, printed, run, write_calibration, write_markers, y4m,

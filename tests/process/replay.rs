@@ -6,7 +6,7 @@ use std::process::Command;
 
 use imgproc::Size;
 use overcam::frame::Picture;
-use overcam::pictures::write_png;
+use overcam::source::pictures::write_png;
 
 use crate::fixture::{
     HEIGHT, STRAIGHT, WIDTH, folder, parse, printed, write_calibration, write_markers, write_y4m,

@@ -6,10 +6,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use overcam::frame::PixelFormat;
-use overcam::image_message::ImageMode;
-use overcam::record::{FLUSH_INTERVAL_NS, Recorder};
-use overcam::recover::recover;
-use overcam::replay::{After, Recording, ReplayError};
+use overcam::recording::image_message::ImageMode;
+use overcam::recording::record::{FLUSH_INTERVAL_NS, Recorder};
+use overcam::recording::recover::recover;
+use overcam::recording::replay::{After, Recording, ReplayError};
 use proptest::prelude::*;
 
 use crate::fixture::{

@@ -6,12 +6,12 @@ use std::sync::LazyLock;
 
 use imgproc::Size;
 use overcam::frame::{Frame, Picture, PixelFormat};
-use overcam::image_message::ImageMode;
 use overcam::marker::MarkerFile;
-use overcam::provenance::Provenance;
-use overcam::record::{Recorder, Summary};
-use overcam::replay::{Recording, ReplayError};
-use overcam::source::{Next, Slot, SourceInfo};
+use overcam::recording::image_message::ImageMode;
+use overcam::recording::provenance::Provenance;
+use overcam::recording::record::{Recorder, Summary};
+use overcam::recording::replay::{Recording, ReplayError};
+use overcam::slot::{Next, Slot, SourceInfo};
 use scene::{
     FRAME_FLOOR, ForecastPoint, HAS_HEADING, KIND_MARKER, KIND_OBSTACLE, OBSERVED, Object, Scene,
 };

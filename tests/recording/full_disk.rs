@@ -6,9 +6,9 @@ use std::path::Path;
 use std::process::Command;
 
 use overcam::frame::PixelFormat;
-use overcam::image_message::ImageMode;
-use overcam::record::{RecordError, Recorder};
-use overcam::replay::ReplayError;
+use overcam::recording::image_message::ImageMode;
+use overcam::recording::record::{RecordError, Recorder};
+use overcam::recording::replay::ReplayError;
 
 use crate::fixture::{
     Played, SIZE, assert_one_line, folder, info, play, played, provenance, slots,

@@ -9,9 +9,9 @@ use foxglove::Encode;
 use foxglove::messages::{Log, RawImage};
 use mcap::records::MessageHeader;
 use overcam::frame::PixelFormat;
-use overcam::provenance::Provenance;
-use overcam::recover::recover;
-use overcam::replay::{Recording, ReplayError};
+use overcam::recording::provenance::Provenance;
+use overcam::recording::recover::recover;
+use overcam::recording::replay::{Recording, ReplayError};
 
 use crate::fixture::{
     Played, SIZE, assert_one_line, eventful_slots, folder, info, play, record, scene,

@@ -4,9 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use overcam::frame::PixelFormat;
-use overcam::image_message::ImageMode;
-use overcam::record::{RecordError, Recorder};
-use overcam::recover::{RecoverError, recover};
+use overcam::recording::image_message::ImageMode;
+use overcam::recording::record::{RecordError, Recorder};
+use overcam::recording::recover::{RecoverError, recover};
 
 use crate::fixture::{SIZE, assert_one_line, folder, info, play, provenance, record, slots};
 

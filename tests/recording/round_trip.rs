@@ -3,10 +3,10 @@
 use std::fs;
 
 use overcam::frame::{Frame, Picture, PixelFormat, decode};
-use overcam::image_message::ImageMode;
-use overcam::record::{Recorder, Summary};
-use overcam::replay::Recording;
-use overcam::source::SourceInfo;
+use overcam::recording::image_message::ImageMode;
+use overcam::recording::record::{Recorder, Summary};
+use overcam::recording::replay::Recording;
+use overcam::slot::SourceInfo;
 
 use crate::fixture::{
     Played, SIZE, eventful_slots, folder, info, play, played, provenance, record, slots,

@@ -22,9 +22,9 @@ use mcap::records::MessageHeader;
 use nalgebra::Matrix3;
 use scene::Scene;
 
-use crate::annotate;
-use crate::image_message::{ImageSchema, encode_message};
-use crate::record::Mcap;
+use crate::recording::annotate;
+use crate::recording::image_message::{ImageSchema, encode_message};
+use crate::recording::record::Mcap;
 
 /// Topic of the frames that were processed.
 pub const IMAGE_TOPIC: &str = "/camera/image";

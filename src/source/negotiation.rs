@@ -1,6 +1,6 @@
 //! Which of a camera's formats and sizes is asked for.
 //!
-//! What the user wishes must be given exactly, except for the rate, of which [`Camera::info`](crate::camera::Camera::info) says what the camera has chosen.
+//! What the user wishes must be given exactly, except for the rate, of which [`Camera::info`](crate::source::camera::Camera::info) says what the camera has chosen.
 //! Where nothing is wished: 640x480 pixels or the nearest size, and 30 frames/s. Of the formats that come nearest to the size,
 //! the first in this order that reaches the rate is taken, or the fastest one if none does: YUYV, UYVY, NV12, YU12, RGB3,
 //! MJPG, JPEG. Raw formats come first because compression blurs the edges that positions are measured on; a camera that is fast
@@ -8,9 +8,9 @@
 
 use imgproc::Size;
 
-use crate::camera::{CameraError, Wish};
 use crate::frame::PixelFormat;
-use crate::v4l2::{Device, FourCc, Fraction, Intervals, Sizes};
+use crate::source::camera::{CameraError, Wish};
+use crate::source::v4l2::{Device, FourCc, Fraction, Intervals, Sizes};
 
 /// The formats read here, in order of preference.
 const READABLE: [(FourCc, PixelFormat); 8] = [

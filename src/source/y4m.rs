@@ -18,7 +18,7 @@ use std::path::Path;
 use imgproc::Size;
 
 use crate::frame::{Frame, MAX_SIDE, PixelFormat};
-use crate::source::{Next, SourceInfo};
+use crate::slot::{Next, SourceInfo};
 
 /// Longest header line that is read, in bytes. ffmpeg's are about 80.
 const MAX_LINE_BYTES: u64 = 1024;

@@ -13,9 +13,9 @@ use std::str::FromStr;
 use imgproc::Size;
 
 use crate::frame::PixelFormat;
-use crate::image_message::ImageMode;
 use crate::marker::MarkerFile;
-use crate::source::SourceInfo;
+use crate::recording::image_message::ImageMode;
+use crate::slot::SourceInfo;
 
 /// Name of the metadata record that makes an MCAP file a recording of overcam.
 pub(crate) const METADATA_NAME: &str = "overcam";

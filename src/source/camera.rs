@@ -24,9 +24,9 @@ use imgproc::Size;
 
 use crate::frame::{Frame, MAX_SIDE, PixelFormat};
 use crate::jpeg;
-use crate::negotiation::{DEFAULT_RATE_HZ, interval, negotiate, text};
-use crate::source::{Next, SourceInfo};
-use crate::v4l2::{self, Device, FailedCall, Filled, Fraction, Ready, Stream};
+use crate::slot::{Next, SourceInfo};
+use crate::source::negotiation::{DEFAULT_RATE_HZ, interval, negotiate, text};
+use crate::source::v4l2::{self, Device, FailedCall, Filled, Fraction, Ready, Stream};
 
 /// Buffers asked for. With four, one can be copied and one filled while two wait for a thread that was not scheduled in time.
 const N_BUFFERS: u32 = 4;

@@ -23,7 +23,7 @@ use foxglove::messages::{
 use nalgebra::{Matrix3, Point2 as PlanePoint};
 use scene::{FRAME_FLOOR, KIND_MARKER, Object, Scene};
 
-use crate::image_message::IMAGE_FRAME;
+use crate::recording::image_message::IMAGE_FRAME;
 
 /// Frame of reference of results in metres.
 const FLOOR_FRAME: &str = "floor";

@@ -1,7 +1,7 @@
 //! The kernel's video interface (V4L2): structures, calls and mapped buffers, as safe functions.
 //!
 //! The only file of the project with `unsafe`. It knows what the kernel says and nothing of what to make of it; that is
-//! [`crate::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture, no controls, no
+//! [`crate::source::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture, no controls, no
 //! outputs, no requests.
 //!
 //! Source: Linux Media Subsystem Documentation, part "Video for Linux API".

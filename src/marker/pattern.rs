@@ -3,10 +3,10 @@
 //! A descriptor knows the outline of the dark figure and nothing of what lies around it. A dark spot that happens to have a
 //! marker's outline, on something bright that is no plate, differs from a marker there.
 
-use crate::cutout::Cutout;
-use crate::drawing::Drawing;
+use crate::marker::cutout::Cutout;
+use crate::marker::drawing::Drawing;
+use crate::marker::reference::{Placement, placed};
 use crate::raster::fill_polygon;
-use crate::reference::{Placement, placed};
 use imgproc::Size;
 
 /// Points across the plate.

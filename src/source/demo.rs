@@ -13,10 +13,10 @@ use imgproc::Size;
 
 use crate::frame::{Frame, Picture, PixelFormat};
 use crate::marker;
+use crate::marker::reference::PLATE;
 use crate::raster::Vertex;
-use crate::reference::PLATE;
-use crate::render::{Appearance, Layer, Renderer};
-use crate::source::{Next, Slot, SourceInfo};
+use crate::slot::{Next, Slot, SourceInfo};
+use crate::source::render::{Appearance, Layer, Renderer};
 
 /// Frames per second.
 pub const RATE_HZ: f64 = 30.0;
@@ -399,7 +399,7 @@ fn robot(
         .iter()
         .find(|(name, _)| *name == marker)
         .map_or("", |(_, svg)| svg);
-    let outline = crate::drawing::read_drawing(marker, svg)
+    let outline = crate::marker::drawing::read_drawing(marker, svg)
         .map(|drawing| drawing.outline)
         .unwrap_or_default();
     let scaled = |points: &[Vertex], side: f32| {

@@ -19,7 +19,7 @@ use imgproc::Size;
 
 use crate::frame::{DecodeError, Frame, MAX_SIDE, Picture, PixelFormat, decode};
 use crate::jpeg::{self, JpegError};
-use crate::source::{Next, SourceInfo};
+use crate::slot::{Next, SourceInfo};
 
 /// Frames per second of a folder when the user states none. Pictures carry no clock, and stamps need one.
 pub const DEFAULT_RATE_HZ: f64 = 30.0;

@@ -4,9 +4,9 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::camera::{not_capturing, open_device};
-use crate::negotiation::{readable, text};
-use crate::v4l2::{Device, FourCc, Sizes};
+use crate::source::camera::{not_capturing, open_device};
+use crate::source::negotiation::{readable, text};
+use crate::source::v4l2::{Device, FourCc, Sizes};
 
 /// Where the kernel puts its nodes.
 const FOLDER: &str = "/dev";

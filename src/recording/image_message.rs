@@ -20,8 +20,8 @@ use imgproc::Size;
 
 use crate::frame::{DecodeError, Frame, Picture, PixelFormat, decode};
 use crate::jpeg::{self, JpegError};
-use crate::pictures::{decode_png, write_png};
-use crate::source::SourceInfo;
+use crate::slot::SourceInfo;
+use crate::source::pictures::{decode_png, write_png};
 
 /// Frame of reference of an image message: pixels of the camera image.
 pub(crate) const IMAGE_FRAME: &str = "image";

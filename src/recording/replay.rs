@@ -24,13 +24,13 @@ use mcap::records::{AttachmentHeader, Channel, MessageHeader, Record};
 use mcap::sans_io::{SummaryReadEvent, SummaryReader};
 
 use crate::frame::{Frame, Picture};
-use crate::image_message::{ImageError, ImageSchema, decode_message, picture_from_png};
-use crate::provenance::{
+use crate::recording::image_message::{ImageError, ImageSchema, decode_message, picture_from_png};
+use crate::recording::provenance::{
     self, BACKGROUND_NAME, Frames, METADATA_NAME, Provenance, ProvenanceError,
 };
-use crate::records::{Chunks, OpenError, Records, RecordsError, open};
-use crate::source::{Next, Slot, SourceInfo};
-use crate::topics::{FULL_RANGE_KEY, IMAGE_TOPIC, PASSED_OVER_TOPIC};
+use crate::recording::records::{Chunks, OpenError, Records, RecordsError, open};
+use crate::recording::topics::{FULL_RANGE_KEY, IMAGE_TOPIC, PASSED_OVER_TOPIC};
+use crate::slot::{Next, Slot, SourceInfo};
 
 use imgproc::Size;
 

@@ -2,7 +2,7 @@
 //!
 //! # What is in the file
 //!
-//! The camera's frames and the results of each, on the topics that [`topics`](crate::topics) lists.
+//! The camera's frames and the results of each, on the topics that [`topics`](crate::recording::topics) lists.
 //!
 //! Settings, markers and calibration stand before the first message ([`Provenance`]). A new picture of the empty floor is
 //! the attachment `background.png`, written before the first frame to which it applies: the order in the file is its meaning.
@@ -16,7 +16,7 @@
 //! Messages collect in a chunk, compressed in memory. The chunk is handed to the operating system as soon as it covers
 //! [`FLUSH_INTERVAL_NS`] or holds [`CHUNK_BYTES`], so a killed process loses less than that. A chunk is on disk whole or,
 //! if the disk is full, taken off again: the file always ends with a whole chunk. What then lacks is the index at its end, which
-//! [`recover`](crate::recover) adds. Nothing is synchronised to the medium: a power failure may cost more.
+//! [`recover`](crate::recording::recover) adds. Nothing is synchronised to the medium: a power failure may cost more.
 //!
 //! Chunks are compressed with zstd at level 1; the constant `ZSTD_LEVEL` says why.
 
@@ -32,12 +32,12 @@ use nalgebra::{Matrix3, RowVector3};
 use rustix::time::{ClockId, clock_gettime};
 use scene::{FRAME_FLOOR, FRAME_IMAGE};
 
-use crate::annotate;
-use crate::image_message::{ImageEncoder, ImageError, ImageMode};
-use crate::pictures::write_png;
-use crate::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
-use crate::source::{Slot, SourceInfo};
-use crate::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
+use crate::recording::annotate;
+use crate::recording::image_message::{ImageEncoder, ImageError, ImageMode};
+use crate::recording::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
+use crate::recording::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
+use crate::slot::{Slot, SourceInfo};
+use crate::source::pictures::write_png;
 
 /// A chunk is written once its newest frame is this much later than the newest one in the file.
 pub const FLUSH_INTERVAL_NS: u64 = 500_000_000;

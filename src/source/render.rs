@@ -8,8 +8,8 @@ use std::f32::consts::TAU;
 use imgproc::Size;
 
 use crate::frame::Picture;
+use crate::marker::reference::placed;
 use crate::raster::{Vertex, blur, fill_polygon};
-use crate::reference::placed;
 
 /// Blur of the lens, standard deviation in pixels.
 const LENS_BLUR_PX: f32 = 0.6;

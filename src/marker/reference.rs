@@ -11,8 +11,8 @@ use fourier::matching::distances;
 use fourier::{Complex32, N, wrapped};
 use imgproc::Size;
 
-use crate::cutout::{Cutout, CutoutScratch, find_figures};
-use crate::drawing::Drawing;
+use crate::marker::cutout::{Cutout, CutoutScratch, find_figures};
+use crate::marker::drawing::Drawing;
 use crate::raster::{Vertex, blur, fill_polygon};
 
 /// Sides of the rendered plates, in pixels. A figure is compared with the references of the nearest size.

@@ -1,0 +1,59 @@
+//! What travels through the program with a frame, and what its source says of itself: plain data, known to everybody and
+//! knowing nobody.
+
+use imgproc::Size;
+
+use crate::frame::{Frame, Picture, PixelFormat};
+
+/// What a source says about its frames before the first one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourceInfo {
+    /// What a person would call it: the camera's name and node, a file's path, "demo floor".
+    pub name: String,
+    /// Size of every frame.
+    pub size: Size,
+    /// Layout of every frame.
+    pub format: PixelFormat,
+    /// Frames per second, where the source states it.
+    pub rate_hz: Option<f64>,
+    /// Frames come whether or not somebody takes them: the newest one wins, and one that finds no room is dropped.
+    pub live: bool,
+}
+
+/// What [`Source::next`](crate::source::Source::next) found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Next {
+    /// A frame; the slot is filled.
+    Frame,
+    /// Nothing yet: look whether the program should stop, then ask again.
+    Nothing,
+    /// No more frames.
+    End,
+}
+
+/// What travels through the program with a frame.
+#[derive(Debug)]
+pub struct Slot {
+    /// The frame.
+    pub frame: Frame,
+    /// The frame was captured but not processed, because a newer one was there or its bytes were no picture.
+    pub passed_over: bool,
+    /// The picture of the empty floor that applies from this frame on, if it changes here. A source sets it where it knows
+    /// the floor (the demo, a recording), the pipeline sets it when it has learned one.
+    pub background: Option<Picture>,
+    /// What was found in the frame.
+    pub scene: Box<scene::Scene>,
+}
+
+impl Slot {
+    /// A slot without a frame, to be filled by a source.
+    #[must_use]
+    pub fn empty() -> Self {
+        Self {
+            frame: Frame::empty(),
+            passed_over: false,
+            background: None,
+            scene: Box::new(scene::Scene::EMPTY),
+        }
+    }
+}
