@@ -15,8 +15,8 @@ use tempfile::TempDir;
 /// After this a process that should have done something counts as hung.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
-/// For runs of which neither the markers nor the shared memory matter: the built-in markers take a debug build a second to learn,
-/// a single one a ninth of it.
+/// For runs of which neither the markers nor the shared memory matter: of a run of a few small frames, learning the built-in markers
+/// would be the most.
 pub(crate) const PLAIN: [&str; 3] = ["--no-publish", "--markers", "one"];
 
 /// A folder of the test's own; it holds the marker of [`PLAIN`].
