@@ -95,7 +95,7 @@ pub fn run(
     stop: &Arc<AtomicBool>,
     out: &mut impl Write,
 ) -> anyhow::Result<Completion> {
-    let Some(source) = open_source(args, stop)? else {
+    let Some(mut source) = open_source(args, stop)? else {
         return Ok(Completion::Done);
     };
     let info = source.info();
@@ -105,6 +105,8 @@ pub fn run(
     } else {
         Some(Publisher::open(&args.service)?)
     };
+    // After all that takes time, lest the first frames are old.
+    source.start()?;
     // Last, so that a run that cannot start leaves no file behind.
     let recorder = args
         .record

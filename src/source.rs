@@ -129,6 +129,18 @@ impl Source {
         }
     }
 
+    /// Starts a camera, which runs from then on; all other sources wait for whoever takes their frames.
+    ///
+    /// # Errors
+    ///
+    /// [`SourceError::Camera`] when it cannot start.
+    pub fn start(&mut self) -> Result<(), SourceError> {
+        match self {
+            Self::Camera(camera) => Ok(camera.start()?),
+            _ => Ok(()),
+        }
+    }
+
     /// Fills the slot with the next frame. The slot's scene is left as it is.
     ///
     /// # Errors

@@ -25,11 +25,15 @@ fn node() -> PathBuf {
 }
 
 fn open(wish: Wish) -> Camera {
-    Camera::open(&node(), &wish).expect("a camera")
+    let mut camera = Camera::open(&node(), &wish).expect("a camera");
+    camera.start().expect("it starts");
+    camera
 }
 
 fn error(wish: Wish) -> CameraError {
-    Camera::open(&node(), &wish).expect_err("should be refused")
+    Camera::open(&node(), &wish)
+        .and_then(|mut camera| camera.start())
+        .expect_err("should be refused")
 }
 
 fn small() -> Wish {

@@ -17,7 +17,7 @@
 use std::io;
 use std::iter;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use imgproc::Size;
@@ -175,10 +175,11 @@ pub enum CameraError {
     },
 }
 
-/// A camera that is capturing.
+/// A camera and what was agreed on with it. It captures once it is started.
 #[derive(Debug)]
 pub struct Camera {
     stream: Stream,
+    path: PathBuf,
     info: SourceInfo,
     full_range: bool,
     /// Bytes of the pixels within a buffer, row by row; none for JPEG.
@@ -191,7 +192,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Opens a node such as `/dev/video0`, agrees on format, size and rate, and starts capturing.
+    /// Opens a node such as `/dev/video0`, agrees on format, size and rate, and keeps other programs from capturing.
     ///
     /// # Errors
     ///
@@ -244,9 +245,10 @@ impl Camera {
         let rate_hz = device
             .set_interval(interval(rate_hz))
             .map(Fraction::rate_hz);
-        let stream = Stream::start(device, N_BUFFERS).map_err(call_failed)?;
+        let stream = Stream::new(device, N_BUFFERS).map_err(call_failed)?;
         Ok(Self {
             stream,
+            path: path.to_owned(),
             info: SourceInfo {
                 name,
                 size,
@@ -264,6 +266,18 @@ impl Camera {
             faulty: 0,
             last_frame_ns: v4l2::monotonic_ns(),
         })
+    }
+
+    /// Starts capturing. Whoever starts takes the frames at once: what a camera delivers while nobody does is old or lost.
+    ///
+    /// # Errors
+    ///
+    /// [`CameraError::Busy`] or [`CameraError::Call`] when the camera cannot start.
+    pub fn start(&mut self) -> Result<(), CameraError> {
+        self.last_frame_ns = v4l2::monotonic_ns();
+        self.stream
+            .start()
+            .map_err(|failed| call_error(&self.info.name, &self.path, failed))
     }
 
     /// What was agreed on. The rate is the one that the camera states, whatever was wished.

@@ -351,7 +351,7 @@ pub(crate) enum Ready {
     Failed,
 }
 
-/// A camera that captures into mapped buffers. Dropping it stops the camera.
+/// A camera with mapped buffers to capture into. Dropping it stops the camera.
 #[derive(Debug)]
 pub(crate) struct Stream {
     // Before the device: mappings go before the file is closed.
@@ -367,8 +367,8 @@ pub(crate) struct FailedCall {
 }
 
 impl Stream {
-    /// Maps buffers, hands them to the camera and starts it. The camera may give more or fewer buffers than asked for.
-    pub(crate) fn start(device: Device, n_buffers: u32) -> Result<Self, FailedCall> {
+    /// Maps buffers and hands them to the camera, which may give more or fewer than asked for.
+    pub(crate) fn new(device: Device, n_buffers: u32) -> Result<Self, FailedCall> {
         let failed = |call| move |source| FailedCall { call, source };
         let mut buffers = RequestBuffers {
             count: n_buffers,
@@ -390,9 +390,16 @@ impl Stream {
                 .queue(index as usize)
                 .map_err(failed("VIDIOC_QBUF"))?;
         }
-        let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
-        call(stream.device.fd(), &STREAMON, &mut kind).map_err(failed("VIDIOC_STREAMON"))?;
         Ok(stream)
+    }
+
+    /// Starts the camera.
+    pub(crate) fn start(&mut self) -> Result<(), FailedCall> {
+        let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
+        call(self.device.fd(), &STREAMON, &mut kind).map_err(|source| FailedCall {
+            call: "VIDIOC_STREAMON",
+            source,
+        })
     }
 
     /// Waits for a buffer. A signal ends the waiting early.
