@@ -18,25 +18,27 @@
 //!
 //! A shortage is counted where it happens, and the [books](Books) are checked at the end.
 
-use std::io::{self, Write};
+mod capture;
+mod process;
+mod record;
+
+use std::io::Write;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{
-    Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel,
-};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::sync_channel;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::Context;
 
 use crate::cli::RunArgs;
-use crate::json;
-use crate::pipeline::Outcome;
-use crate::publish::{Publisher, monotonic_ns};
-use crate::recording::record::{RecordError, Recorder, Summary};
+use crate::publish::Publisher;
+use crate::recording::record::Recorder;
+use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
+use crate::run::process::{ProcessStage, Sink};
+use crate::run::record::{Recording, record};
 use crate::setup::Setup;
-use crate::slot::{Next, Slot};
-use crate::source::{Source, SourceError};
+use crate::slot::Slot;
 use crate::status::{Status, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
@@ -187,326 +189,6 @@ pub fn run(
     )
 }
 
-/// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
-fn open_source(args: &RunArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
-    let (to_run, opened) = sync_channel(1);
-    let (device, wish) = (args.device.clone(), args.wish());
-    let opening = spawn("open", move || {
-        drop(to_run.send(Source::open(&device, &wish)));
-    })?;
-    loop {
-        match opened.recv_timeout(POLL) {
-            Ok(source) => return Ok(Some(source?)),
-            Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Ok(None),
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return joined(opening, "open").map(|()| None),
-        }
-    }
-}
-
-/// Counters of the capture thread, which may outlive the run: reading from a pipe cannot be interrupted.
-#[derive(Debug, Default)]
-struct Counters {
-    captured: AtomicU64,
-    dropped: AtomicU64,
-    lost_by_driver: AtomicU64,
-    faulty: AtomicU64,
-}
-
-/// The capture thread: takes frames from the source into free slots.
-fn capture(
-    mut source: Source,
-    live: bool,
-    limit: u64,
-    free: &Receiver<Slot>,
-    to_process: &SyncSender<Slot>,
-    stop: &AtomicBool,
-    counters: &Counters,
-) -> Result<(), SourceError> {
-    // One slot is always at hand: a camera's frame is taken even when there is no room for it, lest the driver stalls.
-    let mut slot = Slot::empty();
-    let mut taken = 0;
-    while taken < limit && !stop.load(Ordering::Relaxed) {
-        let next = source.next(&mut slot);
-        if let Some(camera) = source.camera_counters() {
-            counters
-                .lost_by_driver
-                .store(camera.lost_by_driver, Ordering::Release);
-            counters.faulty.store(camera.faulty, Ordering::Release);
-        }
-        match next? {
-            Next::Frame => taken += 1,
-            Next::Nothing => continue,
-            Next::End => break,
-        }
-        let room = if live {
-            free.try_recv()
-        } else {
-            free.recv().map_err(|_| TryRecvError::Disconnected)
-        };
-        match room {
-            Ok(room) => {
-                // Counted first, so that no one ever sees more frames than were captured.
-                counters.captured.fetch_add(1, Ordering::Release);
-                let full = std::mem::replace(&mut slot, room);
-                if to_process.send(full).is_err() {
-                    counters.captured.fetch_sub(1, Ordering::Release);
-                    break;
-                }
-            }
-            Err(TryRecvError::Empty) => {
-                counters.captured.fetch_add(1, Ordering::Release);
-                counters.dropped.fetch_add(1, Ordering::Release);
-            }
-            Err(TryRecvError::Disconnected) => break,
-        }
-    }
-    Ok(())
-}
-
-/// Where slots go after processing.
-#[derive(Debug)]
-enum Sink {
-    /// Back to capture.
-    Free(SyncSender<Slot>),
-    /// To the recorder, which gives them back; waiting for it only where no camera goes on meanwhile.
-    Recorder {
-        to_record: SyncSender<Slot>,
-        to_capture: SyncSender<Slot>,
-        wait: bool,
-    },
-}
-
-impl Sink {
-    /// Passes a slot on and enters it in the books.
-    fn take(&self, slot: Slot, books: &mut Books) {
-        let (rejected, to_capture) = match self {
-            Self::Free(to_capture) => {
-                books.recorded += 1;
-                (Some(slot), to_capture)
-            }
-            Self::Recorder {
-                to_record,
-                to_capture,
-                wait,
-            } => {
-                let sent = if *wait {
-                    to_record.send(slot).map_err(|rejected| rejected.0)
-                } else {
-                    to_record.try_send(slot).map_err(|error| match error {
-                        TrySendError::Full(slot) | TrySendError::Disconnected(slot) => slot,
-                    })
-                };
-                match sent {
-                    Ok(()) => books.recorded += 1,
-                    Err(_) => books.unrecorded += 1,
-                }
-                (sent.err(), to_capture)
-            }
-        };
-        if let Some(slot) = rejected {
-            // There is room for all slots; capture may have ended and wants none.
-            drop(to_capture.try_send(slot));
-        }
-    }
-}
-
-/// What the process thread works with.
-struct ProcessStage<'a, W> {
-    live: bool,
-    json: bool,
-    setup: Setup,
-    publisher: Option<Publisher>,
-    sink: Sink,
-    status: Status,
-    out: &'a mut W,
-    line: Vec<u8>,
-    n_scenes: u64,
-    books: Books,
-}
-
-impl<W: Write> ProcessStage<'_, W> {
-    /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
-    fn run(&mut self, frames: &Receiver<Slot>, stop: &AtomicBool) -> anyhow::Result<()> {
-        let mut result = Ok(());
-        loop {
-            let slot = match frames.recv_timeout(POLL) {
-                Ok(slot) => slot,
-                Err(RecvTimeoutError::Disconnected) => break,
-                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => break,
-                Err(RecvTimeoutError::Timeout) => {
-                    self.while_waiting();
-                    continue;
-                }
-            };
-            if result.is_err() {
-                self.pass_over(slot);
-                continue;
-            }
-            let slot = self.newest(slot, frames);
-            result = self.process(slot);
-            if result.is_err() {
-                stop.store(true, Ordering::Relaxed);
-            }
-        }
-        self.status.clear();
-        match result {
-            // Whoever read our lines has seen enough.
-            Err(error) if is_broken_pipe(&error) => Ok(()),
-            result => result,
-        }
-    }
-
-    /// From a camera, the newest frame there is; those before it are passed over.
-    fn newest(&mut self, mut slot: Slot, frames: &Receiver<Slot>) -> Slot {
-        while self.live
-            && let Ok(newer) = frames.try_recv()
-        {
-            self.pass_over(slot);
-            slot = newer;
-        }
-        slot
-    }
-
-    fn pass_over(&mut self, mut slot: Slot) {
-        slot.passed_over = true;
-        self.books.skipped += 1;
-        self.sink.take(slot, &mut self.books);
-    }
-
-    fn process(&mut self, mut slot: Slot) -> anyhow::Result<()> {
-        if slot.passed_over {
-            self.pass_over(slot);
-            return Ok(());
-        }
-        let started = Instant::now();
-        self.setup.choose_background(&mut slot);
-        let outcome = match self.setup.pipeline.process(&mut slot) {
-            Ok(outcome) => outcome,
-            Err(error) if self.live => {
-                self.status.say(&format!(
-                    "frame {} is passed over: {error}",
-                    slot.frame.sequence
-                ));
-                self.pass_over(slot);
-                return Ok(());
-            }
-            Err(error) => {
-                let sequence = slot.frame.sequence;
-                self.pass_over(slot);
-                let source = &self.setup.provenance.source;
-                return Err(error).with_context(|| format!("{source}: frame {sequence}"));
-            }
-        };
-        self.books.processed += 1;
-        let mut result = Ok(());
-        if outcome == Outcome::Scene {
-            self.n_scenes += 1;
-            result = self.deliver(&mut slot);
-            let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
-            let latency = if self.live {
-                Duration::from_nanos(since_exposure)
-            } else {
-                started.elapsed()
-            };
-            self.status.frame(&slot.scene, latency);
-        }
-        self.sink.take(slot, &mut self.books);
-        result
-    }
-
-    /// Hands the scene to planners and prints it.
-    fn deliver(&mut self, slot: &mut Slot) -> anyhow::Result<()> {
-        slot.scene.clock = if self.live {
-            scene::CLOCK_MONOTONIC
-        } else {
-            scene::CLOCK_SOURCE
-        };
-        if let Some(publisher) = &mut self.publisher
-            && let Err(error) = publisher.send(&slot.scene)
-        {
-            self.status.say(&error.to_string());
-        }
-        if self.json {
-            self.line.clear();
-            json::write_line(&slot.scene, &mut self.line)?;
-            self.out
-                .write_all(&self.line)
-                .and_then(|()| self.out.flush())
-                .context("standard output")?;
-        }
-        Ok(())
-    }
-
-    /// To be said when there were frames and no results.
-    fn explain_silence(&self) {
-        self.status.say(&format!(
-            "no results: all {} frames went into learning the empty floor; learn from fewer with --learn N, \
-             or give a picture of it with --background FILE",
-            self.books.processed
-        ));
-    }
-
-    /// What is to be done when no frame comes.
-    fn while_waiting(&mut self) {
-        if let Some(publisher) = &self.publisher
-            && let Err(error) = publisher.serve_late_joiners()
-        {
-            self.status.say(&error.to_string());
-        }
-    }
-}
-
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    let io = error
-        .chain()
-        .find_map(|cause| cause.downcast_ref::<io::Error>());
-    io.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
-}
-
-/// What the record thread leaves.
-struct Recording {
-    /// What the file holds.
-    summary: Summary,
-    /// The first error, if there was one.
-    error: Option<RecordError>,
-}
-
-/// The record thread: writes slots as long as the file takes them, and gives all of them back.
-fn record(
-    mut recorder: Recorder,
-    queue: &Receiver<Slot>,
-    to_capture: &SyncSender<Slot>,
-) -> Recording {
-    let mut first_error = None;
-    let mut stopped = false;
-    for slot in queue {
-        if !stopped && let Err(error) = recorder.write(&slot) {
-            // Said at once: whoever is there can make room, and the positions go on meanwhile.
-            tell(format_args!("overcam: {error}"));
-            stopped = error.is_final();
-            first_error.get_or_insert(error);
-        }
-        drop(to_capture.try_send(slot));
-    }
-    let written = recorder.written();
-    match recorder.finish() {
-        Ok(summary) => Recording {
-            summary,
-            error: first_error,
-        },
-        Err(error) => {
-            if !stopped {
-                tell(format_args!("overcam: {error}"));
-            }
-            Recording {
-                summary: written,
-                error: first_error.or(Some(error)),
-            }
-        }
-    }
-}
-
 fn spawn<T: Send + 'static>(
     name: &str,
     body: impl FnOnce() -> T + Send + 'static,
@@ -521,21 +203,6 @@ fn joined<T>(thread: JoinHandle<T>, name: &str) -> anyhow::Result<T> {
     thread.join().map_err(|_| {
         anyhow::anyhow!("the {name} thread ended by a fault of the program; please report it")
     })
-}
-
-/// The result of the capture thread. If the run was stopped, it may be waiting for a pipe that stays silent; it is left behind then.
-fn joined_unless_blocked(
-    thread: JoinHandle<Result<(), SourceError>>,
-    stop: &AtomicBool,
-) -> anyhow::Result<Result<(), SourceError>> {
-    let patience = Instant::now() + 3 * POLL;
-    while stop.load(Ordering::Relaxed) && !thread.is_finished() && Instant::now() < patience {
-        std::thread::sleep(POLL / 20);
-    }
-    if stop.load(Ordering::Relaxed) && !thread.is_finished() {
-        return Ok(Ok(()));
-    }
-    joined(thread, "capture")
 }
 
 /// Checks the books, says what they hold, and decides how the run ended.
@@ -622,20 +289,5 @@ mod tests {
             }
             .balance()
         );
-    }
-
-    #[test]
-    fn a_full_recorder_costs_a_frame_of_the_recording_and_no_slot() {
-        let (to_record, queue) = sync_channel(1);
-        let (to_capture, free) = sync_channel(SLOTS);
-        let sink = Sink::Recorder {
-            to_record,
-            to_capture,
-            wait: false,
-        };
-        let mut books = Books::default();
-        (0..3).for_each(|_| sink.take(Slot::empty(), &mut books));
-        assert_eq!((books.recorded, books.unrecorded), (1, 2));
-        assert_eq!((queue.try_iter().count(), free.try_iter().count()), (1, 2));
     }
 }

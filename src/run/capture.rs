@@ -1,0 +1,103 @@
+//! The capture thread: opens the source and takes frames from it into free slots.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use crate::cli::RunArgs;
+use crate::run::{POLL, joined, spawn};
+use crate::slot::{Next, Slot};
+use crate::source::{Source, SourceError};
+
+/// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
+pub(super) fn open_source(args: &RunArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
+    let (to_run, opened) = sync_channel(1);
+    let (device, wish) = (args.device.clone(), args.wish());
+    let opening = spawn("open", move || {
+        drop(to_run.send(Source::open(&device, &wish)));
+    })?;
+    loop {
+        match opened.recv_timeout(POLL) {
+            Ok(source) => return Ok(Some(source?)),
+            Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Ok(None),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return joined(opening, "open").map(|()| None),
+        }
+    }
+}
+
+/// Counters of the capture thread, which may outlive the run: reading from a pipe cannot be interrupted.
+#[derive(Debug, Default)]
+pub(super) struct Counters {
+    pub(super) captured: AtomicU64,
+    pub(super) dropped: AtomicU64,
+    pub(super) lost_by_driver: AtomicU64,
+    pub(super) faulty: AtomicU64,
+}
+
+/// The capture thread: takes frames from the source into free slots.
+pub(super) fn capture(
+    mut source: Source,
+    live: bool,
+    limit: u64,
+    free: &Receiver<Slot>,
+    to_process: &SyncSender<Slot>,
+    stop: &AtomicBool,
+    counters: &Counters,
+) -> Result<(), SourceError> {
+    // One slot is always at hand: a camera's frame is taken even when there is no room for it, lest the driver stalls.
+    let mut slot = Slot::empty();
+    let mut taken = 0;
+    while taken < limit && !stop.load(Ordering::Relaxed) {
+        let next = source.next(&mut slot);
+        if let Some(camera) = source.camera_counters() {
+            counters
+                .lost_by_driver
+                .store(camera.lost_by_driver, Ordering::Release);
+            counters.faulty.store(camera.faulty, Ordering::Release);
+        }
+        match next? {
+            Next::Frame => taken += 1,
+            Next::Nothing => continue,
+            Next::End => break,
+        }
+        let room = if live {
+            free.try_recv()
+        } else {
+            free.recv().map_err(|_| TryRecvError::Disconnected)
+        };
+        match room {
+            Ok(room) => {
+                // Counted first, so that no one ever sees more frames than were captured.
+                counters.captured.fetch_add(1, Ordering::Release);
+                let full = std::mem::replace(&mut slot, room);
+                if to_process.send(full).is_err() {
+                    counters.captured.fetch_sub(1, Ordering::Release);
+                    break;
+                }
+            }
+            Err(TryRecvError::Empty) => {
+                counters.captured.fetch_add(1, Ordering::Release);
+                counters.dropped.fetch_add(1, Ordering::Release);
+            }
+            Err(TryRecvError::Disconnected) => break,
+        }
+    }
+    Ok(())
+}
+
+/// The result of the capture thread. If the run was stopped, it may be waiting for a pipe that stays silent; it is left behind then.
+pub(super) fn joined_unless_blocked(
+    thread: JoinHandle<Result<(), SourceError>>,
+    stop: &AtomicBool,
+) -> anyhow::Result<Result<(), SourceError>> {
+    let patience = Instant::now() + 3 * POLL;
+    while stop.load(Ordering::Relaxed) && !thread.is_finished() && Instant::now() < patience {
+        std::thread::sleep(POLL / 20);
+    }
+    if stop.load(Ordering::Relaxed) && !thread.is_finished() {
+        return Ok(Ok(()));
+    }
+    joined(thread, "capture")
+}

@@ -1,0 +1,238 @@
+//! The process thread, which is the main one: frames through the pipeline, scenes to planners and to standard output.
+
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+
+use crate::json;
+use crate::pipeline::Outcome;
+use crate::publish::{Publisher, monotonic_ns};
+use crate::run::{Books, POLL};
+use crate::setup::Setup;
+use crate::slot::Slot;
+use crate::status::Status;
+
+/// What the process thread works with.
+pub(super) struct ProcessStage<'a, W> {
+    pub(super) live: bool,
+    pub(super) json: bool,
+    pub(super) setup: Setup,
+    pub(super) publisher: Option<Publisher>,
+    pub(super) sink: Sink,
+    pub(super) status: Status,
+    pub(super) out: &'a mut W,
+    pub(super) line: Vec<u8>,
+    pub(super) n_scenes: u64,
+    pub(super) books: Books,
+}
+
+impl<W: Write> ProcessStage<'_, W> {
+    /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
+    pub(super) fn run(&mut self, frames: &Receiver<Slot>, stop: &AtomicBool) -> anyhow::Result<()> {
+        let mut result = Ok(());
+        loop {
+            let slot = match frames.recv_timeout(POLL) {
+                Ok(slot) => slot,
+                Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => break,
+                Err(RecvTimeoutError::Timeout) => {
+                    self.while_waiting();
+                    continue;
+                }
+            };
+            if result.is_err() {
+                self.pass_over(slot);
+                continue;
+            }
+            let slot = self.newest(slot, frames);
+            result = self.process(slot);
+            if result.is_err() {
+                stop.store(true, Ordering::Relaxed);
+            }
+        }
+        self.status.clear();
+        match result {
+            // Whoever read our lines has seen enough.
+            Err(error) if is_broken_pipe(&error) => Ok(()),
+            result => result,
+        }
+    }
+
+    /// From a camera, the newest frame there is; those before it are passed over.
+    fn newest(&mut self, mut slot: Slot, frames: &Receiver<Slot>) -> Slot {
+        while self.live
+            && let Ok(newer) = frames.try_recv()
+        {
+            self.pass_over(slot);
+            slot = newer;
+        }
+        slot
+    }
+
+    fn pass_over(&mut self, mut slot: Slot) {
+        slot.passed_over = true;
+        self.books.skipped += 1;
+        self.sink.take(slot, &mut self.books);
+    }
+
+    fn process(&mut self, mut slot: Slot) -> anyhow::Result<()> {
+        if slot.passed_over {
+            self.pass_over(slot);
+            return Ok(());
+        }
+        let started = Instant::now();
+        self.setup.choose_background(&mut slot);
+        let outcome = match self.setup.pipeline.process(&mut slot) {
+            Ok(outcome) => outcome,
+            Err(error) if self.live => {
+                self.status.say(&format!(
+                    "frame {} is passed over: {error}",
+                    slot.frame.sequence
+                ));
+                self.pass_over(slot);
+                return Ok(());
+            }
+            Err(error) => {
+                let sequence = slot.frame.sequence;
+                self.pass_over(slot);
+                let source = &self.setup.provenance.source;
+                return Err(error).with_context(|| format!("{source}: frame {sequence}"));
+            }
+        };
+        self.books.processed += 1;
+        let mut result = Ok(());
+        if outcome == Outcome::Scene {
+            self.n_scenes += 1;
+            result = self.deliver(&mut slot);
+            let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
+            let latency = if self.live {
+                Duration::from_nanos(since_exposure)
+            } else {
+                started.elapsed()
+            };
+            self.status.frame(&slot.scene, latency);
+        }
+        self.sink.take(slot, &mut self.books);
+        result
+    }
+
+    /// Hands the scene to planners and prints it.
+    fn deliver(&mut self, slot: &mut Slot) -> anyhow::Result<()> {
+        slot.scene.clock = if self.live {
+            scene::CLOCK_MONOTONIC
+        } else {
+            scene::CLOCK_SOURCE
+        };
+        if let Some(publisher) = &mut self.publisher
+            && let Err(error) = publisher.send(&slot.scene)
+        {
+            self.status.say(&error.to_string());
+        }
+        if self.json {
+            self.line.clear();
+            json::write_line(&slot.scene, &mut self.line)?;
+            self.out
+                .write_all(&self.line)
+                .and_then(|()| self.out.flush())
+                .context("standard output")?;
+        }
+        Ok(())
+    }
+
+    /// To be said when there were frames and no results.
+    pub(super) fn explain_silence(&self) {
+        self.status.say(&format!(
+            "no results: all {} frames went into learning the empty floor; learn from fewer with --learn N, \
+             or give a picture of it with --background FILE",
+            self.books.processed
+        ));
+    }
+
+    /// What is to be done when no frame comes.
+    fn while_waiting(&mut self) {
+        if let Some(publisher) = &self.publisher
+            && let Err(error) = publisher.serve_late_joiners()
+        {
+            self.status.say(&error.to_string());
+        }
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    let io = error
+        .chain()
+        .find_map(|cause| cause.downcast_ref::<io::Error>());
+    io.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// Where slots go after processing.
+#[derive(Debug)]
+pub(super) enum Sink {
+    /// Back to capture.
+    Free(SyncSender<Slot>),
+    /// To the recorder, which gives them back; waiting for it only where no camera goes on meanwhile.
+    Recorder {
+        to_record: SyncSender<Slot>,
+        to_capture: SyncSender<Slot>,
+        wait: bool,
+    },
+}
+
+impl Sink {
+    /// Passes a slot on and enters it in the books.
+    fn take(&self, slot: Slot, books: &mut Books) {
+        let (rejected, to_capture) = match self {
+            Self::Free(to_capture) => {
+                books.recorded += 1;
+                (Some(slot), to_capture)
+            }
+            Self::Recorder {
+                to_record,
+                to_capture,
+                wait,
+            } => {
+                let sent = if *wait {
+                    to_record.send(slot).map_err(|rejected| rejected.0)
+                } else {
+                    to_record.try_send(slot).map_err(|error| match error {
+                        TrySendError::Full(slot) | TrySendError::Disconnected(slot) => slot,
+                    })
+                };
+                match sent {
+                    Ok(()) => books.recorded += 1,
+                    Err(_) => books.unrecorded += 1,
+                }
+                (sent.err(), to_capture)
+            }
+        };
+        if let Some(slot) = rejected {
+            // There is room for all slots; capture may have ended and wants none.
+            drop(to_capture.try_send(slot));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::SLOTS;
+    use std::sync::mpsc::sync_channel;
+
+    #[test]
+    fn a_full_recorder_costs_a_frame_of_the_recording_and_no_slot() {
+        let (to_record, queue) = sync_channel(1);
+        let (to_capture, free) = sync_channel(SLOTS);
+        let sink = Sink::Recorder {
+            to_record,
+            to_capture,
+            wait: false,
+        };
+        let mut books = Books::default();
+        (0..3).for_each(|_| sink.take(Slot::empty(), &mut books));
+        assert_eq!((books.recorded, books.unrecorded), (1, 2));
+        assert_eq!((queue.try_iter().count(), free.try_iter().count()), (1, 2));
+    }
+}
