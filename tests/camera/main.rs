@@ -18,6 +18,9 @@ use serde_json::Value;
 
 const SEED: u64 = 5;
 
+/// From red, green and blue to what a camera delivers.
+type Encode = fn(&[u8]) -> Vec<u8>;
+
 /// Frames of the demo that are played, forwards and then backwards: the loop has no jump.
 const N_DRAWN: u64 = 24;
 
@@ -85,14 +88,14 @@ fn round() -> impl Iterator<Item = u64> {
 }
 
 /// The frames of the feed as the camera delivers them, and which frames of the demo they are.
-fn feed(encode: fn(&[u8]) -> Vec<u8>) -> HashMap<Vec<u8>, u64> {
+fn feed(encode: Encode) -> HashMap<Vec<u8>, u64> {
     (0..N_DRAWN)
         .map(|i| i * STEP)
         .map(|sequence| (encode(&drawn(sequence).bytes), sequence))
         .collect()
 }
 
-fn write_feed(name: &str, encode: fn(&[u8]) -> Vec<u8>) {
+fn write_feed(name: &str, encode: Encode) {
     let frames: HashMap<u64, Vec<u8>> = feed(encode)
         .into_iter()
         .map(|(bytes, sequence)| (sequence, bytes))
@@ -224,7 +227,7 @@ impl Visible {
     }
 }
 
-fn compare(run: &str, encode: fn(&[u8]) -> Vec<u8>, visible: Visible) {
+fn compare(run: &str, encode: Encode, visible: Visible) {
     let shown = shown(run, &feed(encode));
     let floor = Floor::new(NATURAL_SIZE, SEED);
     let visible = visible.of(&floor);
