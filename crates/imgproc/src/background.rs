@@ -7,7 +7,7 @@
 //!
 //! The median is found bit by bit from the highest down: a bit belongs to it when at most half of the values are below the
 //! number made of the bits found so far and this one. For a block of pixels that is one comparison and one addition a frame
-//! and bit, without branches and without sorting.
+//! and bit, without branches and without sorting. Counts are bytes, so that a vector register holds as many of them as pixels.
 //!
 //! Cost: eight passes over all frames.
 
@@ -21,24 +21,24 @@ const BLOCK: usize = 256;
 ///
 /// # Panics
 ///
-/// When `frames` holds no plane, more than 65,535, or not a whole number of them.
+/// When `frames` holds no plane, more than 255, or not a whole number of them.
 pub fn median_of_frames(frames: &[u8], out: &mut [u8]) {
     let area = out.len();
     assert!(
         area > 0
             && !frames.is_empty()
             && frames.len().is_multiple_of(area)
-            && frames.len() / area <= 0xffff,
-        "{} bytes are no whole number of planes of {area} pixels",
+            && frames.len() / area <= 0xff,
+        "{} bytes are not 1 to 255 planes of {area} pixels",
         frames.len()
     );
     // Values below the median are at most as many as stand before its position.
-    let before = ((frames.len() / area - 1) / 2) as u16;
+    let before = ((frames.len() / area - 1) / 2) as u8;
     for (block, out) in out.chunks_mut(BLOCK).enumerate() {
         let n = out.len();
         out.fill(0);
         for bit in (0..8).rev() {
-            let mut below = [0u16; BLOCK];
+            let mut below = [0u8; BLOCK];
             let mut candidate = [0u8; BLOCK];
             for (candidate, found) in candidate.iter_mut().zip(&*out) {
                 *candidate = found | 1 << bit;
@@ -46,7 +46,7 @@ pub fn median_of_frames(frames: &[u8], out: &mut [u8]) {
             for plane in frames.chunks_exact(area) {
                 let plane = &plane[block * BLOCK..][..n];
                 for i in 0..n {
-                    below[i] += u16::from(plane[i] < candidate[i]);
+                    below[i] += u8::from(plane[i] < candidate[i]);
                 }
             }
             for i in 0..n {
