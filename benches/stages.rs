@@ -37,64 +37,116 @@ fn colour(picture: &Picture) -> Colour<'_> {
     }
 }
 
+/// What each step makes of a frame of the demo: the inputs of the next one.
+struct Steps {
+    slot: Slot,
+    picture: Picture,
+    denoised: Picture,
+    towards_red: Vec<i16>,
+    towards_green: Vec<i16>,
+    lightness: Vec<u8>,
+    differences: Vec<u8>,
+    threshold: Vec<u8>,
+    mask: Vec<u8>,
+}
+
+const DIFFERENCE: DifferenceSettings = DifferenceSettings {
+    shadow: 0.4,
+    glare: 0.1,
+    noise: 6,
+};
+const THRESHOLD: u16 = 220;
+
+impl Steps {
+    fn new() -> Self {
+        let plane = || vec![0; SIZE.area()];
+        let mut steps = Self {
+            slot: Slot::empty(),
+            picture: Picture::new(SIZE),
+            denoised: Picture::new(SIZE),
+            towards_red: vec![0; SIZE.area()],
+            towards_green: vec![0; SIZE.area()],
+            lightness: plane(),
+            differences: plane(),
+            threshold: plane(),
+            mask: plane(),
+        };
+        let mut floor = Floor::new(SIZE, 1);
+        floor.render(0, &mut steps.slot.frame);
+        decode(&steps.slot.frame, &mut steps.picture).expect("a whole frame");
+        denoise(&steps.picture, &mut steps.denoised);
+        let planes = HueSaturationLightnessMut {
+            towards_red: &mut steps.towards_red,
+            towards_green: &mut steps.towards_green,
+            lightness: &mut steps.lightness,
+        };
+        hue_saturation_lightness(colour(&floor.background()), SIZE, planes);
+        let mut differences = plane();
+        difference(
+            colour(&steps.denoised),
+            steps.floor(),
+            SIZE,
+            &mut differences,
+            &DIFFERENCE,
+        );
+        steps.differences = differences;
+        window_threshold(&steps.differences, SIZE, &mut steps.threshold, THRESHOLD);
+        steps.mask.copy_from_slice(&steps.threshold);
+        open_3x3(&mut steps.mask, SIZE, &mut plane());
+        close_3x3(&mut steps.mask, SIZE, &mut plane());
+        steps
+    }
+
+    fn floor(&self) -> HueSaturationLightness<'_> {
+        HueSaturationLightness {
+            towards_red: &self.towards_red,
+            towards_green: &self.towards_green,
+            lightness: &self.lightness,
+        }
+    }
+}
+
+fn denoise(picture: &Picture, out: &mut Picture) {
+    median_3x3(&picture.red, SIZE, &mut out.red);
+    median_3x3(&picture.green, SIZE, &mut out.green);
+    median_3x3(&picture.blue, SIZE, &mut out.blue);
+}
+
 fn pixels(criterion: &mut Criterion) {
     let name = |step: &str| format!("stage/{step}/{}x{}", SIZE.width, SIZE.height);
-    let mut floor = Floor::new(SIZE, 1);
-    let mut slot = Slot::empty();
-    floor.render(0, &mut slot.frame);
-    let mut copy = vec![0; slot.frame.bytes.len()];
-    criterion.bench_function(&name("copy"), |b| {
-        b.iter(|| copy.copy_from_slice(black_box(&slot.frame.bytes)))
-    });
-
+    let steps = Steps::new();
     let mut picture = Picture::new(SIZE);
-    criterion.bench_function(&name("decode-rgb"), |b| {
-        b.iter(|| decode(&slot.frame, &mut picture).expect("whole"))
+    let (mut plane, mut scratch) = (vec![0; SIZE.area()], vec![0; SIZE.area()]);
+
+    let mut copy = vec![0; steps.slot.frame.bytes.len()];
+    criterion.bench_function(&name("copy"), |b| {
+        b.iter(|| copy.copy_from_slice(black_box(&steps.slot.frame.bytes)))
     });
-    let mut denoised = Picture::new(SIZE);
+    criterion.bench_function(&name("decode-rgb"), |b| {
+        b.iter(|| decode(&steps.slot.frame, &mut picture).expect("a whole frame"));
+    });
     criterion.bench_function(&name("median-of-three-planes"), |b| {
+        b.iter(|| denoise(&steps.picture, &mut picture))
+    });
+    criterion.bench_function(&name("difference"), |b| {
         b.iter(|| {
-            median_3x3(&picture.red, SIZE, &mut denoised.red);
-            median_3x3(&picture.green, SIZE, &mut denoised.green);
-            median_3x3(&picture.blue, SIZE, &mut denoised.blue);
+            difference(
+                colour(&steps.denoised),
+                steps.floor(),
+                SIZE,
+                &mut plane,
+                &DIFFERENCE,
+            )
         });
     });
-
-    let background = floor.background();
-    let (mut red, mut green, mut light) = (
-        vec![0; SIZE.area()],
-        vec![0; SIZE.area()],
-        vec![0; SIZE.area()],
-    );
-    let planes = HueSaturationLightnessMut {
-        towards_red: &mut red,
-        towards_green: &mut green,
-        lightness: &mut light,
-    };
-    hue_saturation_lightness(colour(&background), SIZE, planes);
-    let empty = HueSaturationLightness {
-        towards_red: &red,
-        towards_green: &green,
-        lightness: &light,
-    };
-    let settings = DifferenceSettings {
-        shadow: 0.4,
-        glare: 0.1,
-        noise: 6,
-    };
-    let mut differences = vec![0; SIZE.area()];
-    criterion.bench_function(&name("difference"), |b| {
-        b.iter(|| difference(colour(&denoised), empty, SIZE, &mut differences, &settings));
-    });
-    let mut mask = vec![0; SIZE.area()];
     criterion.bench_function(&name("threshold"), |b| {
-        b.iter(|| window_threshold(&differences, SIZE, &mut mask, 220))
+        b.iter(|| window_threshold(&steps.differences, SIZE, &mut plane, THRESHOLD));
     });
-    let mut scratch = vec![0; SIZE.area()];
     criterion.bench_function(&name("opening-and-closing"), |b| {
         b.iter(|| {
-            open_3x3(&mut mask, SIZE, &mut scratch);
-            close_3x3(&mut mask, SIZE, &mut scratch);
+            plane.copy_from_slice(&steps.threshold);
+            open_3x3(&mut plane, SIZE, &mut scratch);
+            close_3x3(&mut plane, SIZE, &mut scratch);
         });
     });
 
@@ -110,21 +162,22 @@ fn pixels(criterion: &mut Criterion) {
         n
     };
     assert_eq!(
-        shapes(&mut mask.clone()),
+        shapes(&mut steps.mask.clone()),
         11,
         "six robots and five obstacles"
     );
     criterion.bench_function(&name("contours"), |b| {
         b.iter(|| {
-            scratch.copy_from_slice(&mask);
-            shapes(&mut scratch)
+            plane.copy_from_slice(&steps.mask);
+            shapes(&mut plane)
         });
     });
 
-    let frames = [&picture.red[..], &denoised.red, &background.red].concat();
-    let mut median = vec![0; SIZE.area()];
-    criterion.bench_function(&name("background-of-3-frames"), |b| {
-        b.iter(|| median_of_frames(&frames, &mut median))
+    let frames = [&steps.picture.red[..], &steps.denoised.red]
+        .concat()
+        .repeat(15);
+    criterion.bench_function(&name("background-of-30-frames"), |b| {
+        b.iter(|| median_of_frames(&frames, &mut plane))
     });
 }
 
