@@ -2,7 +2,8 @@
 //!
 //! The modules stand in the order in which a frame passes through them:
 //!
-//! 1. [`background`] learns the picture of the empty floor from frames on which objects may move;
+//! 1. [`background`] learns the picture of the empty floor from frames on which objects may move, and [`noise`] how much it
+//!    changes from frame to frame;
 //! 2. [`median`] removes the noise of single pixels;
 //! 3. [`difference`] compares a frame with the floor in hue, saturation and lightness;
 //! 4. [`threshold`] makes a mask of it: object or floor;
@@ -31,6 +32,7 @@ pub mod difference;
 pub mod isoline;
 pub mod median;
 pub mod morphology;
+pub mod noise;
 pub mod split;
 pub mod threshold;
 
