@@ -80,7 +80,7 @@ impl Steps {
             towards_green: &mut steps.towards_green,
             lightness: &mut steps.lightness,
         };
-        hue_saturation_lightness(colour(&floor.background()), SIZE, planes);
+        hue_saturation_lightness(colour(&floor.background().picture), SIZE, planes);
         let mut differences = plane();
         difference(
             colour(&steps.denoised),

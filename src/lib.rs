@@ -11,7 +11,8 @@
 //! [`pipeline`] is where to begin: [`Pipeline::process`](pipeline::Pipeline::process) turns one frame into one scene. It joins
 //!
 //! * [`frame`]: a frame in the format of its source, decoded into colour planes ([`jpeg`] decodes JPEG);
-//! * `segmentation`: the mask of everything that differs from the empty floor, which it also learns;
+//! * [`floor`]: what is known of the empty floor, learned or read;
+//! * `segmentation`: the mask of everything that differs from it;
 //! * `detection`: shapes of the mask, each a marked object or an obstacle; [`marker`] reads what is on them, `outline`
 //!   simplifies contours;
 //! * [`calibration`]: from pixels to metres on the floor;
@@ -36,6 +37,7 @@
 pub mod calibration;
 pub mod cli;
 mod detection;
+pub mod floor;
 pub mod frame;
 pub mod jpeg;
 pub mod json;

@@ -9,9 +9,11 @@ use scene::{ForecastPoint, Object};
 
 use crate::calibration::{Calibration, FloorPoint};
 use crate::detection::{Detection, Detector, MAX_DETECTIONS};
+use crate::floor::Floor;
+use crate::floor::learner::Learner;
 use crate::frame::{DecodeError, Picture, decode};
 use crate::marker::Family;
-use crate::segmentation::{Learner, Segmenter};
+use crate::segmentation::Segmenter;
 use crate::settings::Settings;
 use crate::slot::Slot;
 
@@ -34,7 +36,9 @@ pub struct Pipeline {
     tracking: predict::Settings,
     family: Family,
     calibration: Option<Calibration>,
-    floor: Floor,
+    /// `None` until a floor is known.
+    segmenter: Option<Box<Segmenter>>,
+    learning: Learning,
     picture: Picture,
     detector: Detector,
     observations: Vec<Observation>,
@@ -44,15 +48,15 @@ pub struct Pipeline {
     tracker: Box<Tracker>,
 }
 
-/// What is known of the empty floor.
+/// What is going on to know the empty floor, or to know it anew.
 #[derive(Debug)]
-enum Floor {
+enum Learning {
+    /// Nothing.
+    Idle,
     /// Frames are being collected.
-    Learning(Learner),
+    Collecting(Box<Learner>),
     /// Learned with the last frame; it counts from the next one on.
-    Learned(Picture),
-    /// In use.
-    Known(Box<Segmenter>),
+    Done(Floor),
 }
 
 /// What became of a frame.
@@ -84,7 +88,8 @@ impl Pipeline {
             tracking,
             family,
             calibration,
-            floor: Floor::Learning(Learner::new(size, settings.learn)),
+            segmenter: None,
+            learning: Learning::Collecting(Box::new(Learner::new(size, settings.learn))),
             picture: Picture::new(size),
             detector: Detector::new(size),
             observations: Vec::with_capacity(MAX_DETECTIONS),
@@ -93,6 +98,21 @@ impl Pipeline {
             tracker: Box::new(Tracker::new()),
             settings,
         }
+    }
+
+    /// Learns the empty floor anew from the next [`Settings::learn`] frames. The old one is used meanwhile; the new one applies from the frame
+    /// after them on. Where one is being learned already, that one goes on.
+    pub fn relearn(&mut self) {
+        if !self.is_learning() {
+            let learner = Learner::new(self.picture.size, self.settings.learn);
+            self.learning = Learning::Collecting(Box::new(learner));
+        }
+    }
+
+    /// Whether a floor is being learned that is not in use yet.
+    #[must_use]
+    pub fn is_learning(&self) -> bool {
+        !matches!(self.learning, Learning::Idle)
     }
 
     /// Processes the slot's frame. A background in the slot replaces the one in use; one that was learned is put into the slot
@@ -107,25 +127,9 @@ impl Pipeline {
     /// When the background has another size than the frames.
     pub fn process(&mut self, slot: &mut Slot) -> Result<Outcome, DecodeError> {
         decode(&slot.frame, &mut self.picture)?;
-        if let Some(background) = &slot.background {
-            match &mut self.floor {
-                Floor::Known(segmenter) => segmenter.set_floor(background),
-                floor => *floor = Floor::Known(Box::new(Segmenter::new(background))),
-            }
-        } else if let Floor::Learned(background) = &self.floor {
-            slot.background = Some(background.clone());
-            self.floor = Floor::Known(Box::new(Segmenter::new(background)));
-        }
-        let segmenter = match &mut self.floor {
-            Floor::Known(segmenter) => segmenter,
-            floor => {
-                if let Floor::Learning(learner) = floor
-                    && let Some(background) = learner.add(&self.picture)
-                {
-                    *floor = Floor::Learned(background);
-                }
-                return Ok(Outcome::Learning);
-            }
+        self.update_floor(&mut slot.background);
+        let Some(segmenter) = &mut self.segmenter else {
+            return Ok(Outcome::Learning);
         };
 
         let mask = segmenter.segment(
@@ -182,6 +186,33 @@ impl Pipeline {
                 .map(|object| (object.track, object.size)),
         );
         Ok(Outcome::Scene)
+    }
+
+    /// Takes a floor that comes with a frame or was learned before it into use, and learns from the decoded frame.
+    fn update_floor(&mut self, background: &mut Option<Floor>) {
+        if background.is_some() && self.segmenter.is_none() {
+            self.learning = Learning::Idle;
+        }
+        self.learning = match std::mem::replace(&mut self.learning, Learning::Idle) {
+            Learning::Done(floor) => {
+                background.get_or_insert(floor);
+                Learning::Idle
+            }
+            Learning::Collecting(mut learner) => {
+                if learner.add(&self.picture) {
+                    learner.finish().map_or(Learning::Idle, Learning::Done)
+                } else {
+                    Learning::Collecting(learner)
+                }
+            }
+            Learning::Idle => Learning::Idle,
+        };
+        if let Some(floor) = background {
+            match &mut self.segmenter {
+                Some(segmenter) => segmenter.set_floor(floor),
+                None => self.segmenter = Some(Box::new(Segmenter::new(floor))),
+            }
+        }
     }
 }
 

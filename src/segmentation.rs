@@ -1,22 +1,17 @@
 //! From a picture to the mask of everything that stands on the floor (section 2.1.1 of the paper).
 //!
-//! Median, difference from the empty floor, threshold on the 3x3 sum, opening, closing. The picture of the empty floor is
-//! given, or learned here from the first frames.
+//! Median, difference from the empty floor, threshold on the 3x3 sum, opening, closing.
 
 use imgproc::Size;
-use imgproc::background::median_of_frames;
 use imgproc::difference::{
     Colour, DifferenceSettings, HueSaturationLightness, HueSaturationLightnessMut, difference,
     hue_saturation_lightness,
 };
-use imgproc::median::median_3x3;
 use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::threshold::window_threshold;
 
+use crate::floor::{Floor, denoise};
 use crate::frame::Picture;
-
-/// Most frames that are kept for learning; of more, every second, third, ... is kept. More would add memory and no knowledge.
-const LEARNING_FRAMES_MAX: u32 = 64;
 
 /// Finds objects before one floor. All memory is taken when it is made.
 #[derive(Debug)]
@@ -37,8 +32,8 @@ impl Segmenter {
     /// # Panics
     ///
     /// When the planes of the picture do not have its size.
-    pub(crate) fn new(floor: &Picture) -> Self {
-        let size = floor.size;
+    pub(crate) fn new(floor: &Floor) -> Self {
+        let size = floor.picture.size;
         let mut segmenter = Self {
             size,
             denoised: Picture::new(size),
@@ -58,14 +53,13 @@ impl Segmenter {
     /// # Panics
     ///
     /// When it has another size.
-    pub(crate) fn set_floor(&mut self, floor: &Picture) {
-        denoise(floor, &mut self.denoised);
+    pub(crate) fn set_floor(&mut self, floor: &Floor) {
         let planes = HueSaturationLightnessMut {
             towards_red: &mut self.towards_red,
             towards_green: &mut self.towards_green,
             lightness: &mut self.lightness,
         };
-        hue_saturation_lightness(colour(&self.denoised), self.size, planes);
+        hue_saturation_lightness(colour(&floor.picture), self.size, planes);
     }
 
     /// The mask of a picture: 1 where something stands. The caller may use it up.
@@ -99,73 +93,11 @@ impl Segmenter {
     }
 }
 
-fn denoise(picture: &Picture, out: &mut Picture) {
-    median_3x3(&picture.red, picture.size, &mut out.red);
-    median_3x3(&picture.green, picture.size, &mut out.green);
-    median_3x3(&picture.blue, picture.size, &mut out.blue);
-}
-
 fn colour(picture: &Picture) -> Colour<'_> {
     Colour {
         red: &picture.red,
         green: &picture.green,
         blue: &picture.blue,
-    }
-}
-
-/// Learns the empty floor: the median of each pixel over a number of frames.
-#[derive(Debug)]
-pub(crate) struct Learner {
-    size: Size,
-    frames: u32,
-    seen: u32,
-    stride: u32,
-    red: Vec<u8>,
-    green: Vec<u8>,
-    blue: Vec<u8>,
-}
-
-impl Learner {
-    /// A learner that is done after `frames` frames, at least one.
-    pub(crate) fn new(size: Size, frames: u32) -> Self {
-        let frames = frames.max(1);
-        let stride = frames.div_ceil(LEARNING_FRAMES_MAX);
-        let capacity = size.area() * frames.div_ceil(stride) as usize;
-        let plane = || Vec::with_capacity(capacity);
-        Self {
-            size,
-            frames,
-            seen: 0,
-            stride,
-            red: plane(),
-            green: plane(),
-            blue: plane(),
-        }
-    }
-
-    /// Takes a frame; after the last one, returns the floor.
-    ///
-    /// # Panics
-    ///
-    /// When the picture has another size.
-    pub(crate) fn add(&mut self, picture: &Picture) -> Option<Picture> {
-        assert_eq!(
-            picture.size, self.size,
-            "a frame to learn from has another size"
-        );
-        if self.seen.is_multiple_of(self.stride) {
-            self.red.extend_from_slice(&picture.red);
-            self.green.extend_from_slice(&picture.green);
-            self.blue.extend_from_slice(&picture.blue);
-        }
-        self.seen += 1;
-        (self.seen >= self.frames).then(|| {
-            let mut floor = Picture::new(self.size);
-            median_of_frames(&self.red, &mut floor.red);
-            median_of_frames(&self.green, &mut floor.green);
-            median_of_frames(&self.blue, &mut floor.blue);
-            floor
-        })
     }
 }
 
@@ -200,22 +132,12 @@ mod tests {
             picture.red[y * SIZE.width + 4..y * SIZE.width + 10].fill(220);
         }
         picture.blue[10 * SIZE.width + 13] = 255;
-        let mut segmenter = Segmenter::new(&grey(120));
+        let mut segmenter = Segmenter::new(&Floor::from_picture(&grey(120)));
         let mask = segmenter.segment(&picture, &SETTINGS, 100);
         // A pixel next to strong colour has it in its window: the mask may be one pixel wider on each side.
         assert_eq!(mask[5 * SIZE.width + 6], 1);
         let found: usize = mask.iter().map(|&m| usize::from(m)).sum();
         assert!((30..=56).contains(&found), "{found} pixels");
         assert_eq!(mask[10 * SIZE.width + 13], 0);
-    }
-
-    #[test]
-    fn learning_keeps_a_bounded_number_of_frames() {
-        let mut learner = Learner::new(SIZE, 200);
-        let floors: Vec<_> = (0..200)
-            .filter_map(|i| learner.add(&grey(if i % 3 == 0 { 250 } else { 90 })))
-            .collect();
-        assert_eq!(floors, [grey(90)]);
-        assert!(learner.red.len() <= LEARNING_FRAMES_MAX as usize * SIZE.area());
     }
 }

@@ -4,14 +4,13 @@ use anyhow::{Context, anyhow, bail};
 
 use crate::calibration::Calibration;
 use crate::cli::RunArgs;
-use crate::frame::Picture;
+use crate::floor::Floor;
 use crate::marker::{Family, built_in_files, read_folder};
 use crate::pipeline::Pipeline;
 use crate::recording::provenance::Provenance;
 use crate::settings::Settings;
 use crate::slot::{Slot, SourceInfo};
 use crate::source::Source;
-use crate::source::pictures::read_picture;
 use crate::status::tell;
 
 /// A pipeline, and what it was made from.
@@ -25,7 +24,7 @@ pub(crate) struct Setup {
     background: Background,
 }
 
-/// Where the picture of the empty floor comes from.
+/// Where the empty floor comes from.
 #[derive(Debug)]
 enum Background {
     /// From the source, where it brings one; otherwise it is learned.
@@ -33,7 +32,7 @@ enum Background {
     /// Learned, whatever the source brings.
     Learned,
     /// Given, and not yet handed to the pipeline.
-    Given(Picture),
+    Given(Floor),
     /// Given, and handed over.
     InUse,
 }
@@ -102,8 +101,8 @@ impl Setup {
                 slot.background = None;
                 Background::Learned
             }
-            Background::Given(picture) => {
-                slot.background = Some(picture);
+            Background::Given(floor) => {
+                slot.background = Some(floor);
                 Background::InUse
             }
             Background::InUse => {
@@ -172,18 +171,18 @@ impl Background {
                 Self::Learned
             });
         };
-        let picture = read_picture(path)?;
-        let frames = source.info().size;
-        if picture.size != frames {
+        let floor = Floor::read(path)?;
+        let (found, frames) = (floor.picture.size, source.info().size);
+        if found != frames {
             bail!(
                 "background {}: it is {} x {}, but the frames are {} x {}; take it with the same camera settings",
                 path.display(),
-                picture.size.width,
-                picture.size.height,
+                found.width,
+                found.height,
                 frames.width,
                 frames.height
             );
         }
-        Ok(Self::Given(picture))
+        Ok(Self::Given(floor))
     }
 }

@@ -3,7 +3,8 @@
 
 use imgproc::Size;
 
-use crate::frame::{Frame, Picture, PixelFormat};
+use crate::floor::Floor;
+use crate::frame::{Frame, PixelFormat};
 
 /// What a source says about its frames before the first one.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,9 +39,9 @@ pub struct Slot {
     pub frame: Frame,
     /// The frame was captured but not processed, because a newer one was there or its bytes were no picture.
     pub passed_over: bool,
-    /// The picture of the empty floor that applies from this frame on, if it changes here. A source sets it where it knows
+    /// The empty floor that applies from this frame on, if it changes here. A source sets it where it knows
     /// the floor (the demo, a recording), the pipeline sets it when it has learned one.
-    pub background: Option<Picture>,
+    pub background: Option<Floor>,
     /// What was found in the frame.
     pub scene: Box<scene::Scene>,
 }

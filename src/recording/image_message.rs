@@ -311,18 +311,6 @@ fn decode_compressed(
     Ok(())
 }
 
-/// Decodes a PNG.
-pub(crate) fn picture_from_png(png: &[u8]) -> Result<Picture, ImageError> {
-    let (size, rgb) = rgb_from_png(png)?;
-    let plane = |channel| rgb.iter().skip(channel).step_by(3).copied().collect();
-    Ok(Picture {
-        size,
-        red: plane(0),
-        green: plane(1),
-        blue: plane(2),
-    })
-}
-
 fn rgb_from_png(png: &[u8]) -> Result<(Size, Vec<u8>), ImageError> {
     let image = decode_png(png)?.into_rgb8();
     let size = Size {
@@ -562,13 +550,5 @@ mod tests {
                 found: 7
             })
         ));
-    }
-
-    #[test]
-    fn a_background_survives_as_png() {
-        let picture = colours(&frame(PixelFormat::Rgb, 7, 5));
-        let png = write_png(&picture);
-        assert_eq!(picture_from_png(&png).expect("a PNG can be read"), picture);
-        assert!(picture_from_png(&png[..png.len() / 2]).is_err());
     }
 }

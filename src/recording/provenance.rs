@@ -19,7 +19,7 @@ use crate::slot::SourceInfo;
 
 /// Name of the metadata record that makes an MCAP file a recording of overcam.
 pub(crate) const METADATA_NAME: &str = "overcam";
-/// Attachment with the picture of the empty floor. It may come several times; each applies from the next frame on.
+/// Attachment with the empty floor. It may come several times; each applies from the next frame on.
 pub(crate) const BACKGROUND_NAME: &str = "background.png";
 const CALIBRATION_NAME: &str = "calibration.toml";
 const MARKER_FOLDER: &str = "markers/";

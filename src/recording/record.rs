@@ -4,8 +4,8 @@
 //!
 //! The camera's frames and the results of each, on the topics that [`topics`](crate::recording::topics) lists.
 //!
-//! Settings, markers and calibration stand before the first message ([`Provenance`]). A new picture of the empty floor is
-//! the attachment `background.png`, written before the first frame to which it applies: the order in the file is its meaning.
+//! Settings, markers and calibration stand before the first message ([`Provenance`]). A new floor is
+//! the attachment `background.png` ([`Floor`](crate::floor::Floor)), written before the first frame to which it applies: the order in the file is its meaning.
 //!
 //! A message's sequence is the frame's, in 32 bits. Its log time is the moment of exposure: on the wall clock for a camera,
 //! with an offset that is measured once so that a replay gets back the exact time stamps; for any other source the stamp
@@ -37,7 +37,6 @@ use crate::recording::image_message::{ImageEncoder, ImageError, ImageMode};
 use crate::recording::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
 use crate::recording::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
 use crate::slot::{Slot, SourceInfo};
-use crate::source::pictures::write_png;
 
 /// A chunk is written once its newest frame is this much later than the newest one in the file.
 pub const FLUSH_INTERVAL_NS: u64 = 500_000_000;
@@ -248,7 +247,7 @@ impl Recorder {
     ///
     /// # Panics
     ///
-    /// If the background is empty or its planes do not have its size.
+    /// If the background is empty, or its planes or its noise do not have its size.
     pub fn write(&mut self, slot: &Slot) -> Result<(), RecordError> {
         let Some(mut mcap) = self.mcap.take() else {
             return Err(RecordError::Stopped {
@@ -310,7 +309,7 @@ impl Recorder {
         let log_time_ns = self.log_time_ns(frame.stamp_ns);
         if let Some(background) = &slot.background {
             self.flush(mcap)?;
-            let png = write_png(background);
+            let png = background.to_png();
             attach(mcap, BACKGROUND_NAME, "image/png", &png, log_time_ns)?;
         }
         let image_bytes = self.message.len();

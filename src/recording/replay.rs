@@ -4,7 +4,7 @@
 //! and it needs no index: one whose writer was killed replays up to its last whole chunk and then says so.
 //!
 //! What is restored: the bytes, layout and colour range of each frame as they were stored, its number, its time stamp to the
-//! nanosecond, whether it was passed over, and the picture of the empty floor where it changes. With
+//! nanosecond, whether it was passed over, and the empty floor where it changes. With
 //! [`Provenance`] that is all on which results depend. Results themselves are not read back:
 //! they are computed again.
 //!
@@ -23,8 +23,9 @@ use mcap::McapError;
 use mcap::records::{AttachmentHeader, Channel, MessageHeader, Record};
 use mcap::sans_io::{SummaryReadEvent, SummaryReader};
 
-use crate::frame::{Frame, Picture};
-use crate::recording::image_message::{ImageError, ImageSchema, decode_message, picture_from_png};
+use crate::floor::Floor;
+use crate::frame::Frame;
+use crate::recording::image_message::{ImageError, ImageSchema, decode_message};
 use crate::recording::provenance::{
     self, BACKGROUND_NAME, Frames, METADATA_NAME, Provenance, ProvenanceError,
 };
@@ -46,7 +47,7 @@ pub struct Recording {
 struct Image {
     frame: Frame,
     passed_over: bool,
-    background: Option<Picture>,
+    background: Option<Floor>,
 }
 
 struct Reader {
@@ -347,8 +348,8 @@ impl Reader {
             return Ok(());
         }
         if header.name == BACKGROUND_NAME {
-            let background = picture_from_png(data).map_err(|source| self.image_error(source))?;
-            image.background = Some(background);
+            let floor = Floor::from_png(data).map_err(|error| self.image_error(error.into()))?;
+            image.background = Some(floor);
             return Ok(());
         }
         self.provenance
@@ -410,7 +411,7 @@ impl Reader {
         decode_message(channel.schema, message, own_size, frame)
             .map_err(|source| self.image_error(source))?;
         let expected = own_size.or(size).unwrap_or(frame.size);
-        let background_size = image.background.as_ref().map(|background| background.size);
+        let background_size = image.background.as_ref().map(|floor| floor.picture.size);
         for found in [Some(frame.size), background_size].into_iter().flatten() {
             if found != expected {
                 return Err(ReplayError::Size {

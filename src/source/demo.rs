@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 
 use imgproc::Size;
 
-use crate::frame::{Frame, Picture, PixelFormat};
+use crate::floor;
+use crate::frame::{Frame, PixelFormat};
 use crate::marker;
 use crate::marker::reference::PLATE;
 use crate::raster::Vertex;
@@ -144,10 +145,11 @@ impl Floor {
         })
     }
 
-    /// The empty floor, as a camera without noise sees it in even light.
+    /// The empty floor, as a camera without noise sees it in even light. The noise of its frames is unknown: what the median
+    /// leaves of it depends on the grain of the floor.
     #[must_use]
-    pub fn background(&self) -> Picture {
-        self.renderer.background()
+    pub fn background(&self) -> floor::Floor {
+        floor::Floor::from_picture(&self.renderer.background())
     }
 }
 

@@ -1,4 +1,4 @@
-//! Picture files: a folder of PNG and JPEG files as a source, the picture of the empty floor, and PNG for recordings.
+//! Picture files: a folder of PNG and JPEG files as a source, single pictures, and PNG for recordings.
 //!
 //! The files of a folder are taken in natural order of their names (`img2` before `img10`). What a file is, its first bytes
 //! say, not its name. JPEG files travel on as they are; of PNG files, grey ones become [`PixelFormat::Grey`] frames and all
@@ -23,6 +23,9 @@ use crate::slot::{Next, SourceInfo};
 
 /// Frames per second of a folder when the user states none. Pictures carry no clock, and stamps need one.
 pub const DEFAULT_RATE_HZ: f64 = 30.0;
+
+/// First bytes of every PNG file.
+pub(crate) const PNG_SIGNATURE: &[u8] = b"\x89PNG";
 
 /// Why a picture file or a folder of them cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -232,7 +235,7 @@ fn read_frame(path: &Path, frame: &mut Frame) -> Result<(), PictureError> {
         frame.bytes.extend_from_slice(&file);
         return Ok(());
     }
-    if !file.starts_with(b"\x89PNG") {
+    if !file.starts_with(PNG_SIGNATURE) {
         return Err(PictureError::Format {
             path: path.to_owned(),
         });

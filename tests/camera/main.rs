@@ -13,7 +13,6 @@ use overcam::frame::Frame;
 use overcam::recording::replay::Recording;
 use overcam::slot::{Next, Slot};
 use overcam::source::demo::{Floor, NATURAL_SIZE, Truth};
-use overcam::source::pictures::write_png;
 use serde_json::Value;
 
 const SEED: u64 = 5;
@@ -109,7 +108,7 @@ fn write_feed(name: &str, encode: Encode) {
 fn write_feeds() {
     write_feed("yuyv.raw", yuyv);
     write_feed("mjpg.mjpg", jpeg);
-    let floor = write_png(&Floor::new(NATURAL_SIZE, SEED).background());
+    let floor = Floor::new(NATURAL_SIZE, SEED).background().to_png();
     fs::write(file("floor.png"), floor).expect("written");
 }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use imgproc::Size;
+use overcam::floor::Floor;
 use overcam::frame::{Frame, Picture, PixelFormat};
 use overcam::marker::MarkerFile;
 use overcam::recording::image_message::ImageMode;
@@ -60,12 +61,16 @@ pub(crate) fn noise(seed: u64, n_bytes: usize) -> Vec<u8> {
     (0..n_bytes).map(|_| next()).collect()
 }
 
-pub(crate) fn picture(seed: u64, size: Size) -> Picture {
-    Picture {
+pub(crate) fn floor(seed: u64, size: Size) -> Floor {
+    let picture = Picture {
         size,
         red: noise(seed, size.area()),
         green: noise(seed + 1, size.area()),
         blue: noise(seed + 2, size.area()),
+    };
+    Floor {
+        picture,
+        noise: noise(seed + 3, size.area()),
     }
 }
 
@@ -133,9 +138,9 @@ pub(crate) fn slots(format: PixelFormat, n: u64, first_ns: u64) -> Vec<Slot> {
 /// A run with everything that can happen: gaps, frames passed over, another background, another colour range.
 pub(crate) fn eventful_slots(format: PixelFormat, first_ns: u64) -> Vec<Slot> {
     let mut slots = slots(format, 40, first_ns);
-    slots[0].background = Some(picture(100, SIZE));
+    slots[0].background = Some(floor(100, SIZE));
     slots[7].passed_over = true;
-    slots[20].background = Some(picture(200, SIZE));
+    slots[20].background = Some(floor(200, SIZE));
     slots[20].passed_over = true;
     slots[21].frame.full_range = true;
     for slot in &mut slots[30..] {
@@ -165,7 +170,7 @@ pub(crate) struct Played {
     pub(crate) size: Size,
     pub(crate) bytes: Vec<u8>,
     pub(crate) passed_over: bool,
-    pub(crate) background: Option<Picture>,
+    pub(crate) background: Option<Floor>,
 }
 
 pub(crate) fn played(slot: &Slot) -> Played {
@@ -189,7 +194,7 @@ pub(crate) fn play(path: &Path) -> (Vec<Played>, Option<ReplayError>) {
     // Leftovers of an earlier frame must not show.
     let mut slot = slot(PixelFormat::Rgb, SIZE, 999, 999);
     slot.passed_over = true;
-    slot.background = Some(picture(1, SIZE));
+    slot.background = Some(floor(1, SIZE));
     let mut frames = Vec::new();
     loop {
         match recording.next(&mut slot) {
