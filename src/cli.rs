@@ -98,9 +98,9 @@ pub struct RunArgs {
     /// Stop after N frames
     #[arg(long, value_name = "N")]
     pub frames: Option<u64>,
-    /// Least sum of the differences from the floor in a 3x3 window
+    /// Least difference from the floor that an object has somewhere, in units of the noise
     #[arg(long, value_name = "SUM")]
-    pub threshold: Option<u16>,
+    pub threshold: Option<f32>,
     /// Smallest object, in square pixels
     #[arg(long, value_name = "PX2")]
     pub area_min: Option<u32>,

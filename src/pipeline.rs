@@ -132,11 +132,8 @@ impl Pipeline {
             return Ok(Outcome::Learning);
         };
 
-        let mask = segmenter.segment(
-            &self.picture,
-            &self.settings.difference(),
-            self.settings.threshold,
-        );
+        let (mask, _light, _gains) =
+            segmenter.segment(&self.picture, &self.settings.segmentation());
         let (detections, overflow) = self.detector.detect(
             mask,
             &self.picture,

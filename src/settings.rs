@@ -2,10 +2,10 @@
 //!
 //! A recording carries these settings as TOML, and a replay uses them.
 
-use imgproc::difference::DifferenceSettings;
 use serde::{Deserialize, Serialize};
 
 use crate::marker::{DISTANCE_MAX, RecognitionSettings};
+use crate::segmentation::SegmentationSettings;
 
 /// Settings of the pipeline. Lengths are pixels of the image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -13,14 +13,10 @@ use crate::marker::{DISTANCE_MAX, RecognitionSettings};
 pub struct Settings {
     /// Frames from which the empty floor is learned when no picture of it is given.
     pub learn: u32,
-    /// Least sum of the differences in a 3x3 window: the difference of one pixel is 0 to 255.
-    pub threshold: u16,
+    /// Least difference from the floor that an object has somewhere: mean over a 3x3 window, in units of the noise.
+    pub threshold: f32,
     /// A pixel this much darker than the floor may be shadow: share of the floor's lightness, 0 to 1.
     pub shadow: f32,
-    /// A pixel this much brighter than the floor may be floor: share of the floor's lightness, 0 to 1.
-    pub glare: f32,
-    /// Differences in lightness that are noise, in grey levels.
-    pub noise: u8,
     /// Smallest shape that counts, in square pixels.
     pub area_min: u32,
     /// Smallest plate of a marker.
@@ -43,11 +39,9 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             learn: 30,
-            threshold: 220,
-            shadow: 0.4,
-            glare: 0.1,
-            noise: 6,
-            area_min: 40,
+            threshold: 3.5,
+            shadow: 0.6,
+            area_min: 80,
             plate_min: 10.0,
             plate_max: 400.0,
             marker_distance_max: DISTANCE_MAX,
@@ -60,12 +54,12 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The part that the background difference needs.
-    pub(crate) fn difference(&self) -> DifferenceSettings {
-        DifferenceSettings {
-            shadow: self.shadow,
-            glare: self.glare,
-            noise: self.noise,
+    /// The part that segmentation needs.
+    pub(crate) fn segmentation(&self) -> SegmentationSettings {
+        SegmentationSettings {
+            threshold: self.threshold,
+            shadow_least: 1.0 - self.shadow,
+            area_min: self.area_min as usize,
         }
     }
 

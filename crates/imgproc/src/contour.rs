@@ -60,6 +60,8 @@ pub struct Span {
 pub struct Removed {
     /// Number of pixels.
     pub area: usize,
+    /// Number of those whose value is above 1.
+    pub cores: usize,
     /// The smallest rectangle around them.
     pub bounds: Bounds,
 }
@@ -162,6 +164,7 @@ pub fn remove_shape(mask: &mut [u8], size: Size, start: Point, spans: &mut [Span
     );
     let mut removed = Removed {
         area: 0,
+        cores: 0,
         bounds: Bounds::of(start),
     };
     // A span is erased when it is found, hence found once, hence there is room for all.
@@ -176,6 +179,7 @@ pub fn remove_shape(mask: &mut [u8], size: Size, start: Point, spans: &mut [Span
         while last + 1 < row.len() && row[last + 1] != 0 {
             last += 1;
         }
+        removed.cores += row[first..=last].iter().filter(|&&m| m > 1).count();
         row[first..=last].fill(0);
         let span = Span {
             y,

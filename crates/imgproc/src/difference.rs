@@ -1,308 +1,300 @@
-//! Difference between a frame and the picture of the empty floor (section 2.1.1 of the paper).
+//! Difference between a frame and the empty floor, in units of noise (section 2.1.1 of the paper).
 //!
-//! The paper compares hue and saturation and discards lightness, so that shadows and changing light do not count. Both
-//! are taken together here, as a vector that points in the direction of the hue and is as long as the saturation. With
-//! `max` and `min` of red, green and blue, HSL saturation is `(max - min) / min(max + min, 510 - max - min)`; the hue's
-//! direction is that of `(2R - G - B, √3 (G - B))`, whose length is `max - min` within 15 %. So the vector is
+//! A pixel of the floor in another light keeps its chromaticity: all its channels change by the same factor. So the three
+//! channels are split into what light can do and what it cannot:
 //!
 //! ```text
-//! (2R - G - B, √3 (G - B)) * 127 / (min(max + min, 510 - max - min) + REGULARISATION)
+//! lightness   L = (S - S₀) / 3                     S = R + G + B, S₀ the floor's
+//! red         r = R - S R₀/S₀                      what is left when the floor's colour is taken in the light of the frame
+//! blue        b = B - S B₀/S₀                      (green is minus the sum of both)
 //! ```
 //!
-//! and needs neither an angle nor a branch.
+//! Red and blue are a vector of chromaticity, measured in grey levels of the frame. It needs no angle and no division, has no
+//! singularity in grey, black or white, and a grey camera gives zeros.
+//!
+//! Each difference is divided by the noise that it has where nothing stands (a [`Reference`] is prepared with it):
+//!
+//! * what a pixel varies from frame to frame, learned with the floor;
+//! * what the light varies, a share of the floor's brightness;
+//! * what a displacement by a part of a pixel does at the floor's own edges: cameras shake, and things are nudged;
+//! * what compression and rounding do.
 //!
 //! # Differences from the paper
 //!
-//! * Hue is undefined where saturation is small, and a plain difference of two hues is then noise. In the vector, hue counts
-//!   as much as there is saturation.
-//! * HSL saturation itself is undefined in black and white: there one step of noise in one channel is full saturation. The
-//!   regularisation keeps it small.
-//! * Grey objects on a grey floor have neither hue nor saturation. Lightness is therefore not discarded: it counts
-//!   outside a band around the floor's. The band is wide towards dark, where shadows are, and narrow towards bright.
+//! * Hue counts by the saturation there is: in the vector, the hue of a grey floor weighs nothing. The paper's plain
+//!   difference of hues is noise there.
+//! * Lightness is not discarded but kept apart, since it is all that tells grey from grey; [`classes`](crate::classes)
+//!   decides what of it is shadow.
+//! * One unit for all floors and cameras replaces a threshold in steps of hue.
 //!
 //! # Cost
 //!
-//! One pass; a table of reciprocals replaces the division, all else is 16-bit integer arithmetic in blocks.
+//! One pass of 16-bit integer arithmetic in blocks, about forty operations a pixel.
 
 use crate::{Size, assert_len};
 
 /// Pixels of one block.
 const BLOCK: usize = 128;
 
-/// Added to the denominator of the saturation, in steps of 8-bit channels.
-const REGULARISATION: u32 = 64;
+/// Differences are in this many parts of the noise.
+pub const PARTS: i16 = 8;
 
-/// Fixed point of the products with a reciprocal: `(value * 32) * reciprocal / 65536`.
-const SCALE: i16 = 32;
+/// Greatest difference that is told apart: nine of them fit into 16 bits.
+const DIFFERENCE_MAX: i16 = 400 * PARTS;
 
-/// √3 in the same fixed point.
-const SQRT_3: i16 = 55;
+/// Brightness is counted in sixteenths of a level, so that 16 bits hold the sum of three channels.
+const FINE: u32 = 16;
 
-/// For each `max + min`: the reciprocal of the denominator, in the unit of [`SCALE`].
-const RECIPROCALS: [i16; 511] = {
-    let mut table = [0; 511];
-    let mut sum = 0;
-    while sum <= 510 {
-        let distance = if sum < 510 - sum { sum } else { 510 - sum };
-        table[sum as usize] = (65536 / SCALE as u32 * 127 / (distance + REGULARISATION)) as i16;
-        sum += 1;
-    }
-    table
-};
+/// The brightest channel that is told apart: twice white, for frames that are darker than the floor's picture.
+const CHANNEL_MAX: u16 = 2 * 255 * FINE as u16;
+
+/// A channel from here on may be any brighter: it is cut off by the camera.
+const SATURATED: u8 = 250;
 
 /// A colour picture as three planes.
 #[derive(Debug, Clone, Copy)]
-pub struct Colour<'a> {
+pub struct Colour<'a, T = u8> {
     /// Red, 0 to 255.
-    pub red: &'a [u8],
+    pub red: &'a [T],
     /// Green, 0 to 255.
-    pub green: &'a [u8],
+    pub green: &'a [T],
     /// Blue, 0 to 255.
-    pub blue: &'a [u8],
+    pub blue: &'a [T],
 }
 
-/// Hue and saturation as a vector, and lightness, of a picture: three planes to be written.
-#[derive(Debug)]
-pub struct HueSaturationLightnessMut<'a> {
-    /// Component of the vector towards red.
-    pub towards_red: &'a mut [i16],
-    /// Component of the vector towards green and away from blue.
-    pub towards_green: &'a mut [i16],
-    /// Lightness, `(max + min) / 2`.
-    pub lightness: &'a mut [u8],
-}
-
-/// Hue and saturation as a vector, and lightness, of a picture: three planes to be read.
-#[derive(Debug, Clone, Copy)]
-pub struct HueSaturationLightness<'a> {
-    /// Component of the vector towards red.
-    pub towards_red: &'a [i16],
-    /// Component of the vector towards green and away from blue.
-    pub towards_green: &'a [i16],
-    /// Lightness, `(max + min) / 2`.
-    pub lightness: &'a [u8],
-}
-
-/// How much of each kind of difference counts.
+/// What a pixel of the floor varies without anything standing on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DifferenceSettings {
-    /// A pixel this much darker than the floor, as a share of the floor's lightness, may still be a shadow: 0 to 1.
-    pub shadow: f32,
-    /// A pixel this much brighter than the floor, as a share of the floor's lightness, may still be floor: 0 to 1.
-    pub glare: f32,
-    /// Added to the band on both sides, in steps of lightness: what noise does.
-    pub noise: u8,
+pub struct NoiseSettings {
+    /// Of any pixel, in levels: rounding and compression.
+    pub least: f32,
+    /// Of the light, as a share of the floor's brightness.
+    pub light: f32,
+    /// Of the light's colour, as a share of the floor's brightness.
+    pub colour: f32,
+    /// Of the camera's place, in pixels.
+    pub displacement_px: f32,
 }
 
-/// Writes hue, saturation and lightness of a picture.
+/// The floor as frames are compared with it: planes to be written.
+#[derive(Debug)]
+pub struct ReferenceMut<'a> {
+    /// Sum of the channels, in sixteenths of a level.
+    pub level: &'a mut [u16],
+    /// Red's share of the sum, in 65536ths.
+    pub red_share: &'a mut [u16],
+    /// Blue's share of the sum, in 65536ths.
+    pub blue_share: &'a mut [u16],
+    /// Factor from lightness to its noise.
+    pub light_scale: &'a mut [i16],
+    /// Factor from chromaticity to its noise.
+    pub colour_scale: &'a mut [i16],
+}
+
+/// The floor as frames are compared with it.
+#[derive(Debug, Clone, Copy)]
+pub struct Reference<'a> {
+    /// See [`ReferenceMut`].
+    pub level: &'a [u16],
+    /// See [`ReferenceMut`].
+    pub red_share: &'a [u16],
+    /// See [`ReferenceMut`].
+    pub blue_share: &'a [u16],
+    /// See [`ReferenceMut`].
+    pub light_scale: &'a [i16],
+    /// See [`ReferenceMut`].
+    pub colour_scale: &'a [i16],
+}
+
+/// What a frame differs by: planes to be written.
+#[derive(Debug)]
+pub struct DifferenceMut<'a> {
+    /// Brighter (positive) or darker than the floor, in [`PARTS`] of the noise.
+    pub light: &'a mut [i16],
+    /// Redder than the floor in the same light, in [`PARTS`] of the noise.
+    pub red: &'a mut [i16],
+    /// Bluer than the floor in the same light, in [`PARTS`] of the noise.
+    pub blue: &'a mut [i16],
+    /// Sum of the frame's channels in the floor's light, in sixteenths of a level.
+    pub level: &'a mut [u16],
+}
+
+/// How many times as bright as in the floor's picture the light is now, in each channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gains {
+    /// Of red.
+    pub red: f32,
+    /// Of green.
+    pub green: f32,
+    /// Of blue.
+    pub blue: f32,
+}
+
+impl Gains {
+    /// The light of the floor's picture.
+    pub const NONE: Self = Self {
+        red: 1.0,
+        green: 1.0,
+        blue: 1.0,
+    };
+}
+
+/// Prepares rows of the floor for comparison. `floor` is in 256ths of a level, `noise` the standard deviation of each pixel in
+/// eighths of a level.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
-pub fn hue_saturation_lightness(
-    picture: Colour<'_>,
+/// When a slice has not `size.area()` values, or the rows are not all in the picture.
+pub fn prepare(
+    floor: Colour<'_, u16>,
+    noise: &[u8],
     size: Size,
-    out: HueSaturationLightnessMut<'_>,
+    rows: core::ops::Range<usize>,
+    out: &mut ReferenceMut<'_>,
+    settings: &NoiseSettings,
 ) {
-    picture.assert_size(size);
-    assert_len("towards_red", out.towards_red.len(), size);
-    assert_len("towards_green", out.towards_green.len(), size);
-    assert_len("lightness", out.lightness.len(), size);
-    for start in (0..size.area()).step_by(BLOCK) {
-        let range = start..(start + BLOCK).min(size.area());
-        hsl_block(
-            picture.block(range.clone()),
-            &mut out.towards_red[range.clone()],
-            &mut out.towards_green[range.clone()],
-            &mut out.lightness[range],
-        );
+    floor.assert_size(size);
+    assert_len("noise", noise.len(), size);
+    assert_len("level", out.level.len(), size);
+    assert_len("red_share", out.red_share.len(), size);
+    assert_len("blue_share", out.blue_share.len(), size);
+    assert_len("light_scale", out.light_scale.len(), size);
+    assert_len("colour_scale", out.colour_scale.len(), size);
+    let Size { width, height } = size;
+    let sum = |x: usize, y: usize| {
+        let i = y * width + x;
+        u32::from(floor.red[i]) + u32::from(floor.green[i]) + u32::from(floor.blue[i])
+    };
+    for y in rows {
+        for x in 0..width {
+            let i = y * width + x;
+            let here = sum(x, y);
+            let around = [
+                sum(x.saturating_sub(1), y),
+                sum((x + 1).min(width - 1), y),
+                sum(x, y.saturating_sub(1)),
+                sum(x, (y + 1).min(height - 1)),
+            ];
+            let (low, high) = around
+                .iter()
+                .fold((here, here), |(low, high), &s| (low.min(s), high.max(s)));
+            // Levels of the mean channel; 768 = 3 channels in 256ths.
+            let mean = here as f32 / 768.0;
+            let slope = (high - low) as f32 / (2.0 * 768.0) * settings.displacement_px;
+            let varies = f32::from(noise[i]) / 8.0;
+            let common = varies * varies + settings.least * settings.least;
+            let light = common + (settings.light * mean) * (settings.light * mean) + slope * slope;
+            let colour =
+                common + (settings.colour * mean) * (settings.colour * mean) + slope * slope / 4.0;
+            // At most as much as white can hold, rounded down: shares of the sum stay below 1.
+            let share = |channel: u16| (u64::from(channel) * 65535 / u64::from(here.max(1))) as u16;
+            out.level[i] = (here * FINE / 256) as u16;
+            out.red_share[i] = share(floor.red[i]);
+            out.blue_share[i] = share(floor.blue[i]);
+            // From sixteenths of a sum of three channels, and of one channel, to PARTS of the noise, in 65536ths.
+            let per = f32::from(PARTS) * 65536.0 / FINE as f32;
+            out.light_scale[i] = (per / 3.0 / root(light)).min(32767.0) as i16;
+            out.colour_scale[i] = (per / root(colour)).min(32767.0) as i16;
+        }
     }
 }
 
-/// Writes to `out` how much each pixel of `picture` differs from `floor`: the sum of both components' differences and of the
-/// lightness outside its band, at most 255.
+/// Square root to three digits, which is all that a scale needs; `core` has none.
+fn root(square: f32) -> f32 {
+    (((square * 65536.0) as u64).isqrt() as f32 / 256.0).max(1.0 / 256.0)
+}
+
+/// Writes by how much each pixel differs from the floor.
+///
+/// A channel that the camera cut off at white counts as bright as the floor, if that is brighter.
 ///
 /// # Panics
 ///
 /// When a slice has not `size.area()` values.
 pub fn difference(
     picture: Colour<'_>,
-    floor: HueSaturationLightness<'_>,
+    gains: Gains,
+    reference: Reference<'_>,
     size: Size,
-    out: &mut [u8],
-    settings: &DifferenceSettings,
+    out: DifferenceMut<'_>,
 ) {
     picture.assert_size(size);
-    assert_len("floor", floor.towards_red.len(), size);
-    assert_len("floor", floor.towards_green.len(), size);
-    assert_len("floor", floor.lightness.len(), size);
-    assert_len("out", out.len(), size);
-    // Shares as multiples of 1/256, so that the band is 16-bit arithmetic too.
-    let darkest = ((1.0 - settings.shadow).clamp(0.0, 1.0) * 256.0) as u16;
-    let brightest = (settings.glare.clamp(0.0, 1.0) * 256.0) as u16;
-    let noise = u16::from(settings.noise);
-    let (mut red, mut green, mut light) = ([0i16; BLOCK], [0i16; BLOCK], [0u8; BLOCK]);
-    for (block, out) in out.chunks_mut(BLOCK).enumerate() {
-        let n = out.len();
-        let range = block * BLOCK..block * BLOCK + n;
-        let (red, green, light) = (&mut red[..n], &mut green[..n], &mut light[..n]);
-        hsl_block(picture.block(range.clone()), red, green, light);
-        let floor_red = &floor.towards_red[range.clone()];
-        let floor_green = &floor.towards_green[range.clone()];
-        let floor_light = &floor.lightness[range];
+    assert_len("level", reference.level.len(), size);
+    assert_len("red_share", reference.red_share.len(), size);
+    assert_len("blue_share", reference.blue_share.len(), size);
+    assert_len("light_scale", reference.light_scale.len(), size);
+    assert_len("colour_scale", reference.colour_scale.len(), size);
+    assert_len("light", out.light.len(), size);
+    assert_len("red", out.red.len(), size);
+    assert_len("blue", out.blue.len(), size);
+    assert_len("level", out.level.len(), size);
+    // Times 256 and 16 (sixteenths), divided by 65536 again after the product: a factor of 1 is 4096.
+    let inverse = |gain: f32| (4096.0 / gain.max(1.0 / 15.0)) as u16;
+    let (to_red, to_green, to_blue) = (
+        inverse(gains.red),
+        inverse(gains.green),
+        inverse(gains.blue),
+    );
+    for start in (0..size.area()).step_by(BLOCK) {
+        let range = start..(start + BLOCK).min(size.area());
+        let n = range.len();
+        let (red, green, blue) = (
+            &picture.red[range.clone()],
+            &picture.green[range.clone()],
+            &picture.blue[range.clone()],
+        );
+        let level = &reference.level[range.clone()];
+        let red_share = &reference.red_share[range.clone()];
+        let blue_share = &reference.blue_share[range.clone()];
+        let light_scale = &reference.light_scale[range.clone()];
+        let colour_scale = &reference.colour_scale[range.clone()];
+        let out_light = &mut out.light[range.clone()];
+        let out_red = &mut out.red[range.clone()];
+        let out_blue = &mut out.blue[range.clone()];
+        let out_level = &mut out.level[range];
         for i in 0..n {
-            let chroma = red[i].abs_diff(floor_red[i]) + green[i].abs_diff(floor_green[i]);
-            let (light, floor) = (u16::from(light[i]), u16::from(floor_light[i]));
-            let low = ((floor * darkest) >> 8).saturating_sub(noise);
-            let high = floor + ((floor * brightest) >> 8) + noise;
-            let outside = low.saturating_sub(light) + light.saturating_sub(high);
-            out[i] = (chroma + outside).min(255) as u8;
+            let floor_red = high_half(level[i], red_share[i]);
+            let floor_blue = high_half(level[i], blue_share[i]);
+            let floor_green = level[i] - floor_red - floor_blue;
+            let r = in_floor_light(red[i], to_red, floor_red);
+            let g = in_floor_light(green[i], to_green, floor_green);
+            let b = in_floor_light(blue[i], to_blue, floor_blue);
+            let sum = r + g + b;
+            out_level[i] = sum;
+            let light = sum as i16 - level[i] as i16;
+            let red = r as i16 - high_half(sum, red_share[i]) as i16;
+            let blue = b as i16 - high_half(sum, blue_share[i]) as i16;
+            out_light[i] = scaled(light, light_scale[i]);
+            out_red[i] = scaled(red, colour_scale[i]);
+            out_blue[i] = scaled(blue, colour_scale[i]);
         }
     }
 }
 
-impl<'a> Colour<'a> {
-    fn assert_size(&self, size: Size) {
-        assert_len("red", self.red.len(), size);
-        assert_len("green", self.green.len(), size);
-        assert_len("blue", self.blue.len(), size);
-    }
-
-    fn block(&self, range: core::ops::Range<usize>) -> Colour<'a> {
-        Colour {
-            red: &self.red[range.clone()],
-            green: &self.green[range.clone()],
-            blue: &self.blue[range],
-        }
-    }
-}
-
-/// Hue, saturation and lightness of at most [`BLOCK`] pixels.
-fn hsl_block(
-    picture: Colour<'_>,
-    towards_red: &mut [i16],
-    towards_green: &mut [i16],
-    lightness: &mut [u8],
-) {
-    let n = lightness.len();
-    let (red, green, blue) = (&picture.red[..n], &picture.green[..n], &picture.blue[..n]);
-    let (towards_red, towards_green) = (&mut towards_red[..n], &mut towards_green[..n]);
-    let mut sums = [0u16; BLOCK];
-    for i in 0..n {
-        let (r, g, b) = (i16::from(red[i]), i16::from(green[i]), i16::from(blue[i]));
-        let sum = u16::from(red[i].max(green[i]).max(blue[i]))
-            + u16::from(red[i].min(green[i]).min(blue[i]));
-        sums[i] = sum;
-        lightness[i] = (sum >> 1) as u8;
-        towards_red[i] = (2 * r - g - b) * SCALE;
-        towards_green[i] = (g - b) * SQRT_3;
-    }
-    // The look-up is the one step that no vector instruction does; alone in its loop it holds up nothing else.
-    let mut reciprocals = [0i16; BLOCK];
-    for i in 0..n {
-        reciprocals[i] = RECIPROCALS[usize::from(sums[i].min(510))];
-    }
-    for i in 0..n {
-        towards_red[i] = high_half(towards_red[i], reciprocals[i]);
-        towards_green[i] = high_half(towards_green[i], reciprocals[i]);
-    }
+/// A channel of the frame in the light of the floor's picture, sixteenths of a level.
+#[inline(always)]
+fn in_floor_light(channel: u8, factor: u16, floor: u16) -> u16 {
+    let value = high_half(u16::from(channel) << 8, factor).min(CHANNEL_MAX);
+    let cut_off = if channel >= SATURATED { floor } else { 0 };
+    value.max(cut_off)
 }
 
 /// Upper half of a product of two 16-bit numbers: one instruction for eight pixels.
-fn high_half(a: i16, b: i16) -> i16 {
-    ((i32::from(a) * i32::from(b)) >> 16) as i16
+#[inline(always)]
+fn high_half(a: u16, b: u16) -> u16 {
+    ((u32::from(a) * u32::from(b)) >> 16) as u16
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-    use std::vec;
+/// A difference in parts of the noise.
+#[inline(always)]
+fn scaled(difference: i16, scale: i16) -> i16 {
+    let parts = ((i32::from(difference) * i32::from(scale)) >> 16) as i16;
+    parts.clamp(-DIFFERENCE_MAX, DIFFERENCE_MAX)
+}
 
-    const SETTINGS: DifferenceSettings = DifferenceSettings {
-        shadow: 0.5,
-        glare: 0.1,
-        noise: 6,
-    };
-
-    /// Difference between two pictures of one colour each.
-    fn between(picture: [u8; 3], floor: [u8; 3]) -> u8 {
-        let size = Size {
-            width: 1,
-            height: 1,
-        };
-        let (mut red, mut green, mut light) = ([0], [0], [0]);
-        let planes = HueSaturationLightnessMut {
-            towards_red: &mut red,
-            towards_green: &mut green,
-            lightness: &mut light,
-        };
-        let colour = |c: &'static [u8; 3]| Colour {
-            red: &c[..1],
-            green: &c[1..2],
-            blue: &c[2..],
-        };
-        let floor = std::boxed::Box::leak(std::boxed::Box::new(floor));
-        let picture = std::boxed::Box::leak(std::boxed::Box::new(picture));
-        hue_saturation_lightness(colour(floor), size, planes);
-        let floor = HueSaturationLightness {
-            towards_red: &red,
-            towards_green: &green,
-            lightness: &light,
-        };
-        let mut out = [0];
-        difference(colour(picture), floor, size, &mut out, &SETTINGS);
-        out[0]
-    }
-
-    #[test]
-    fn a_soft_shadow_is_floor() {
-        assert!(between([84, 72, 60], [140, 120, 100]) <= 12);
-    }
-
-    #[test]
-    fn other_hues_and_saturations_are_objects() {
-        assert!(between([140, 90, 90], [120, 120, 120]) > 40, "red on grey");
-        assert!(between([90, 90, 140], [140, 90, 90]) > 80, "blue on red");
-        assert!(
-            between([120, 120, 120], [150, 110, 70]) > 40,
-            "grey on brown"
-        );
-    }
-
-    #[test]
-    fn grey_objects_are_seen_by_lightness() {
-        assert!(
-            between([210, 210, 210], [120, 120, 120]) > 60,
-            "white on grey"
-        );
-        assert!(between([15, 15, 15], [120, 120, 120]) > 30, "black on grey");
-        assert_eq!(between([120, 120, 120], [120, 120, 120]), 0);
-    }
-
-    #[test]
-    fn noise_in_black_and_white_has_no_colour() {
-        assert!(between([3, 0, 0], [0, 0, 0]) <= 14);
-        assert!(between([255, 253, 252], [255, 255, 255]) <= 14);
-    }
-
-    proptest! {
-        #[test]
-        fn the_vector_is_the_formula(red: u8, green: u8, blue: u8) {
-            let size = Size { width: 1, height: 1 };
-            let (mut a, mut b, mut l) = (vec![0], vec![0], vec![0]);
-            hue_saturation_lightness(
-                Colour { red: &[red], green: &[green], blue: &[blue] },
-                size,
-                HueSaturationLightnessMut { towards_red: &mut a, towards_green: &mut b, lightness: &mut l },
-            );
-            let (r, g, bl) = (f64::from(red), f64::from(green), f64::from(blue));
-            let (max, min) = (r.max(g).max(bl), r.min(g).min(bl));
-            let scale = 127.0 / ((max + min).min(510.0 - max - min) + f64::from(REGULARISATION));
-            // One step for rounding down, and √3 in fixed point is 0.8 % short.
-            prop_assert!((f64::from(a[0]) - (2.0 * r - g - bl) * scale).abs() < 1.6);
-            prop_assert!((f64::from(b[0]) - 3f64.sqrt() * (g - bl) * scale).abs() < 1.6 + 0.009 * 221.0 * scale.min(1.0));
-            prop_assert_eq!(f64::from(l[0]), ((max + min) / 2.0).floor());
-        }
+impl<T> Colour<'_, T> {
+    pub(crate) fn assert_size(&self, size: Size) {
+        assert_len("red", self.red.len(), size);
+        assert_len("green", self.green.len(), size);
+        assert_len("blue", self.blue.len(), size);
     }
 }

@@ -27,14 +27,16 @@
 extern crate std;
 
 pub mod background;
+pub mod classes;
 pub mod contour;
 pub mod difference;
 pub mod isoline;
+pub mod light;
 pub mod median;
 pub mod morphology;
 pub mod noise;
 pub mod split;
-pub mod threshold;
+pub mod texture;
 
 mod window;
 

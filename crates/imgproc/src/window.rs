@@ -21,11 +21,11 @@ pub(crate) const PADDED: usize = BLOCK + 2;
 /// # Panics
 ///
 /// When a slice has not `size.area()` values.
-pub(crate) fn for_each_block(
-    plane: &[u8],
+pub(crate) fn for_each_block<Pixel: Copy + Default, Out>(
+    plane: &[Pixel],
     size: Size,
-    out: &mut [u8],
-    mut work: impl FnMut([&[u8]; 3], &mut [u8]),
+    out: &mut [Out],
+    mut work: impl FnMut([&[Pixel]; 3], &mut [Out]),
 ) {
     assert_len("plane", plane.len(), size);
     assert_len("out", out.len(), size);
@@ -33,7 +33,7 @@ pub(crate) fn for_each_block(
     if width == 0 {
         return;
     }
-    let mut padded = [[0; PADDED]; 3];
+    let mut padded = [[Pixel::default(); PADDED]; 3];
     for (y, out) in out.chunks_exact_mut(width).enumerate() {
         let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
         for (block, out) in out.chunks_mut(BLOCK).enumerate() {
@@ -55,12 +55,12 @@ pub(crate) fn for_each_block(
 /// # Panics
 ///
 /// When a slice has not `size.area()` values.
-pub(crate) fn map_3x3<Column: Copy + Default>(
-    plane: &[u8],
+pub(crate) fn map_3x3<Pixel: Copy + Default, Column: Copy + Default, Out>(
+    plane: &[Pixel],
     size: Size,
-    out: &mut [u8],
-    down: impl Fn(u8, u8, u8) -> Column,
-    across: impl Fn(Column, Column, Column) -> u8,
+    out: &mut [Out],
+    down: impl Fn(Pixel, Pixel, Pixel) -> Column,
+    across: impl Fn(Column, Column, Column) -> Out,
 ) {
     let mut columns = [Column::default(); PADDED];
     for_each_block(plane, size, out, |[above, here, below], out| {

@@ -1,0 +1,163 @@
+//! From differences to classes of pixels: floor, shadow, object (section 2.1.1 of the paper).
+//!
+//! As in the paper, the sum of the differences in the 3x3 window decides, and not the pixel alone: differences keep their
+//! signs, so that noise cancels and an object does not.
+//!
+//! | the window is | and | class |
+//! | --- | --- | --- |
+//! | of another colour | | [`COLOURED`] |
+//! | brighter | of the floor's colour | [`BRIGHT`] |
+//! | darker | of the floor's colour, by a factor that shade explains | [`SHADE`] |
+//! | darker | of the floor's colour, by more than that | [`BLACK`] |
+//!
+//! The light in a shadow comes from elsewhere and has another colour than the light that is missing: a difference of colour in
+//! proportion to the darkness is therefore none.
+//!
+//! A weak difference belongs to an object only near a strong one: the classes of objects come in both strengths.
+//!
+//! Cost: four passes, about forty operations a pixel.
+
+use crate::difference::PARTS;
+use crate::window::map_3x3;
+use crate::{Size, assert_len};
+
+/// Nothing stands there.
+pub const FLOOR: u8 = 0;
+/// Darker than the floor, and no more than a shadow is.
+pub const SHADE: u8 = 1;
+/// Brighter than the floor, not of another colour.
+pub const BRIGHT: u8 = 2;
+/// Darker than a shadow, not of another colour.
+pub const BLACK: u8 = 3;
+/// Of another colour than the floor.
+pub const COLOURED: u8 = 4;
+/// Added to [`BRIGHT`], [`BLACK`] and [`COLOURED`] where the difference is a strong one.
+pub const STRONG: u8 = 8;
+
+/// Where the classes end. Differences are means over the window, in units of the noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClassSettings {
+    /// Less than this is noise.
+    pub weak: f32,
+    /// An object has at least this somewhere.
+    pub strong: f32,
+    /// A shadow leaves at least this share of the light.
+    pub shadow_least: f32,
+    /// What a shadow may change in colour, as a share of what it changes in lightness.
+    pub shadow_tint: f32,
+}
+
+/// Differences of a frame from the floor, see [`difference`](crate::difference::DifferenceMut).
+#[derive(Debug, Clone, Copy)]
+pub struct Difference<'a> {
+    /// Brighter or darker.
+    pub light: &'a [i16],
+    /// Redder or greener.
+    pub red: &'a [i16],
+    /// Bluer or greener.
+    pub blue: &'a [i16],
+    /// Sum of the frame's channels.
+    pub level: &'a [u16],
+}
+
+/// Scratch of [`classes`]: three planes, which may hold anything.
+#[derive(Debug)]
+pub struct WindowsMut<'a> {
+    /// Of lightness.
+    pub light: &'a mut [i16],
+    /// Of red.
+    pub red: &'a mut [i16],
+    /// Of blue.
+    pub blue: &'a mut [i16],
+}
+
+/// Writes the class of each pixel, and to `own` how much the pixel itself differs, in halves of the noise. Outside the picture
+/// the border is repeated. `floor_level` is that of the [`Reference`](crate::difference::Reference).
+///
+/// # Panics
+///
+/// When a slice has not `size.area()` values.
+pub fn classes(
+    difference: Difference<'_>,
+    floor_level: &[u16],
+    size: Size,
+    out: &mut [u8],
+    own: &mut [u8],
+    windows: WindowsMut<'_>,
+    settings: &ClassSettings,
+) {
+    let WindowsMut { light, red, blue } = windows;
+    window_sum(difference.light, size, light);
+    window_sum(difference.red, size, red);
+    window_sum(difference.blue, size, blue);
+    assert_len("level", difference.level.len(), size);
+    assert_len("floor_level", floor_level.len(), size);
+    assert_len("out", out.len(), size);
+    assert_len("own", own.len(), size);
+    // Of sums over nine pixels.
+    let in_sum = |noise: f32| (noise * 9.0 * f32::from(PARTS)).min(32767.0) as i16;
+    let (weak, strong) = (in_sum(settings.weak), in_sum(settings.strong));
+    // A pixel whose window is an object's but which is floor itself lies beside one.
+    let weak_own = (settings.weak * f32::from(PARTS)).min(32767.0) as i16;
+    let tint = (settings.shadow_tint.clamp(0.0, 1.0) * 256.0) as i32;
+    let least = (settings.shadow_least.clamp(0.0, 1.0) * 65535.0) as u32;
+    const BLOCK: usize = 128;
+    for start in (0..size.area()).step_by(BLOCK) {
+        let range = start..(start + BLOCK).min(size.area());
+        let n = range.len();
+        let (light, red, blue) = (
+            &light[range.clone()],
+            &red[range.clone()],
+            &blue[range.clone()],
+        );
+        let own_light = &difference.light[range.clone()];
+        let own_red = &difference.red[range.clone()];
+        let own_blue = &difference.blue[range.clone()];
+        let level = &difference.level[range.clone()];
+        let floor_level = &floor_level[range.clone()];
+        let (out, own) = (&mut out[range.clone()], &mut own[range]);
+        for i in 0..n {
+            let darker = (-light[i]).max(0);
+            let tinted = ((i32::from(darker) * tint) >> 8) as i16;
+            let colour = (chroma(red[i], blue[i]) - tinted).max(0);
+            let dark = u32::from(level[i]) < (u32::from(floor_level[i]) * least) >> 16;
+            let black = if dark { darker } else { 0 };
+            let most = colour.max(light[i]).max(black);
+            let differs = chroma(own_red[i], own_blue[i]).max(own_light[i].saturating_abs());
+            own[i] = (differs / (PARTS / 2)).min(255) as u8;
+            let class = if colour >= weak {
+                COLOURED
+            } else if light[i] >= weak {
+                BRIGHT
+            } else {
+                BLACK
+            };
+            let strength = if most >= strong { STRONG } else { 0 };
+            let object = if most >= weak && differs >= weak_own {
+                class + strength
+            } else {
+                FLOOR
+            };
+            out[i] = if object == FLOOR && darker >= weak {
+                SHADE
+            } else {
+                object
+            };
+        }
+    }
+}
+
+/// Length of a vector of chromaticity: its longest of the three components red, green and blue.
+#[inline(always)]
+fn chroma(red: i16, blue: i16) -> i16 {
+    let green = red.saturating_add(blue);
+    red.saturating_abs()
+        .max(blue.saturating_abs())
+        .max(green.saturating_abs())
+}
+
+/// Sum of the 3x3 window. Differences are at most 3200, so that nine of them fit.
+fn window_sum(plane: &[i16], size: Size, out: &mut [i16]) {
+    let sum = |a: i16, b: i16, c: i16| a + b + c;
+    map_3x3(plane, size, out, sum, sum);
+}
