@@ -235,6 +235,8 @@ fn tracks(criterion: &mut Criterion) {
             covariance: [[0.01, 0.0], [0.0, 0.01]],
             heading: None,
             marker: None,
+            reach: 0.0,
+            area: 0.0,
         });
         tracker.update(stamp_ns, &observations, &settings);
         tracker.tracks().count()

@@ -8,8 +8,9 @@
 //! 1. `tracker`: identities. Every track is forecast to the frame's own time stamp, sightings are assigned to
 //!    tracks, a missing sighting is replaced by the forecast for a while, new things start tracks (section 3.1.1).
 //! 2. `assign`: which sighting belongs to which track, nearest pair first, each used once.
-//! 3. `track`: what is known of one object; `history` and `heading` hold its samples.
-//! 4. `forecast`: three models look ahead and are mixed by how well each has done on this very track. `motion` has
+//! 3. `merge`: which observations are of several objects that touch, and where in it each of them is.
+//! 4. `track`: what is known of one object; `history` and `heading` hold its samples.
+//! 5. `forecast`: three models look ahead and are mixed by how well each has done on this very track. `motion` has
 //!    the two classical ones, a straight line and a constant turn; `learner` the third, whose small neural
 //!    `network` is trained on line by backpropagation (section 3.1.2); `score` keeps the marks and the covariance.
 //!
@@ -53,6 +54,7 @@ mod forecast;
 mod heading;
 mod history;
 mod learner;
+mod merge;
 mod motion;
 mod network;
 mod observation;

@@ -19,6 +19,11 @@ pub struct Observation {
     pub heading: Option<Heading>,
     /// Index of the marker that was read, `None` for a thing without one or with one that could not be read.
     pub marker: Option<u32>,
+    /// Distance from (x, y) to the farthest point of the whole object's outline, in units. 0 for a point, which nothing
+    /// can merge with.
+    pub reach: f64,
+    /// Area within the whole object's outline, in squared units.
+    pub area: f64,
 }
 
 /// A direction and how well it is known.
@@ -109,7 +114,7 @@ impl Settings {
 
 impl Observation {
     /// The observation with a symmetric, positive semidefinite covariance; `None` if a number in it is not finite,
-    /// a variance negative or a coordinate absurd.
+    /// a variance negative or a coordinate or extent absurd.
     pub(crate) fn checked(&self) -> Option<Self> {
         let [[xx, xy], [yx, yy]] = self.covariance;
         let place_ok = self.x.abs() <= MAX_COORDINATE && self.y.abs() <= MAX_COORDINATE;
@@ -118,7 +123,9 @@ impl Observation {
         let heading_ok = self.heading.is_none_or(|heading| {
             heading.rad.abs() <= MAX_COORDINATE && (0.0..=MAX_VARIANCE).contains(&heading.variance)
         });
-        if !(place_ok && variance_ok && covariance_ok && heading_ok) {
+        let extent_ok = (0.0..=MAX_COORDINATE).contains(&self.reach)
+            && (0.0..=MAX_VARIANCE).contains(&self.area);
+        if !(extent_ok && place_ok && variance_ok && covariance_ok && heading_ok) {
             return None;
         }
         Some(Self {
@@ -138,6 +145,8 @@ mod tests {
         covariance: [[4.0, 0.0], [0.0, 9.0]],
         heading: None,
         marker: None,
+        reach: 0.0,
+        area: 0.0,
     };
 
     #[test]
@@ -156,6 +165,9 @@ mod tests {
                 .checked(),
                 None
             );
+            let (reach, area) = (variance, variance);
+            assert_eq!(Observation { reach, ..PLAIN }.checked(), None);
+            assert_eq!(Observation { area, ..PLAIN }.checked(), None);
             let heading = Some(Heading { rad: 0.0, variance });
             assert_eq!(Observation { heading, ..PLAIN }.checked(), None);
         }

@@ -15,6 +15,12 @@
 //! and goes on under its number as a thing without marker: better an obstacle than a robot that may not be one.
 //! Where the measured point changes so from the plate to the outline, or the other way round because a marker is
 //! read on a track that had none, the samples are moved by the jump, which keeps the velocity.
+//!
+//! # An object in a blob with others
+//!
+//! While objects touch (`merge`), the blob's position and the object's place in it make the samples: they show how
+//! it is pushed or carried along, and whether it stands still. When it comes apart from the others, the difference
+//! between where it was thought to be and where it is says nothing of its motion: a jump like that of another measured point.
 
 use crate::MAX_FORECAST;
 use crate::NS_PER_S;
@@ -22,6 +28,7 @@ use crate::covariance::{Covariance, semidefinite};
 use crate::forecast::{Forecast, Forecaster, LEAST_SPACING_STEPS};
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
+use crate::merge::{Alone, MergedBlob, Place};
 use crate::motion::{add, scale, sub};
 use crate::observation::{Heading, Observation, Settings};
 
@@ -43,6 +50,10 @@ pub struct Track {
     unread: u32,
     /// What sightings without marker have moved the forecast by since the marker was read.
     shift: [f64; 2],
+    /// How it looks when nothing touches it.
+    alone: Alone,
+    /// Its place in the blob that it shares with others, until it is seen by itself again.
+    place: Option<Place>,
     points: [ForecastPoint; MAX_FORECAST],
     ahead: Forecast,
     history: History,
@@ -77,14 +88,15 @@ impl Track {
     }
 
     /// Index, in the slice given to [`Tracker::update`](crate::Tracker::update), of this frame's observation of the
-    /// object; `None` when it was not seen and everything here is forecast.
+    /// object; `None` when it was not seen and everything here is forecast. The observation of several objects that touch
+    /// is one of all of them and given to one, the same from frame to frame.
     #[must_use]
     pub fn observed(&self) -> Option<usize> {
         self.observed
     }
 
-    /// Whether position and heading are this frame's measurements. False when the object was not seen, and when a
-    /// marked one was seen without its marker being read.
+    /// Whether position and heading are this frame's measurements. False when the object was not seen, when a
+    /// marked one was seen without its marker being read, and when it was seen as one with others that it touches.
     #[must_use]
     pub fn pose_observed(&self) -> bool {
         self.pose_observed
@@ -127,7 +139,7 @@ impl Track {
         self.age_frames
     }
 
-    /// Frames on end without a sighting, this one included.
+    /// Frames on end without a sighting, this one included. In a blob with others counts as sighted.
     #[must_use]
     pub fn misses(&self) -> u32 {
         self.misses
@@ -154,6 +166,8 @@ impl Track {
         misses: 0,
         unread: 0,
         shift: [0.0; 2],
+        alone: Alone::NEVER,
+        place: None,
         points: [ForecastPoint {
             dt_s: 0.0,
             x: 0.0,
@@ -171,11 +185,12 @@ impl Track {
         id: u64,
         index: usize,
         observation: &Observation,
+        alone: bool,
         now_ns: u64,
         settings: &Settings,
     ) -> Self {
         let mut track = Self { id, ..Self::EMPTY };
-        track.sight(index, observation, now_ns, settings);
+        track.sight(index, observation, alone, now_ns, settings);
         track
     }
 
@@ -195,14 +210,36 @@ impl Track {
         self.misses > settings.max_misses || (self.misses > 0 && !self.confirmed(settings))
     }
 
-    /// Takes this frame's observation of the object.
+    /// Its looks when nothing touches it.
+    pub(crate) fn alone(&self) -> &Alone {
+        &self.alone
+    }
+
+    /// Whether it may be kept in a blob with others.
+    pub(crate) fn may_merge(&self, now_ns: u64, settings: &Settings) -> bool {
+        self.confirmed(settings)
+            && self.alone.proven()
+            && !self.place.is_some_and(|place| place.overdue(now_ns))
+    }
+
+    /// Extent of the blob with others that it was in when last seen, 0 if it was by itself.
+    pub(crate) fn blob_reach(&self) -> f64 {
+        self.place.map_or(0.0, |place| place.reach())
+    }
+
+    /// Takes this frame's observation of the object. `alone`: nothing else is in it or near.
     pub(crate) fn sight(
         &mut self,
         index: usize,
         observation: &Observation,
+        alone: bool,
         now_ns: u64,
         settings: &Settings,
     ) {
+        if alone {
+            self.alone.see(observation);
+        }
+        let came_apart = self.place.is_some();
         self.age_frames += 1;
         self.sightings = self.sightings.saturating_add(1);
         self.misses = 0;
@@ -217,12 +254,40 @@ impl Track {
                 self.measure_elsewhere(observation, now_ns);
                 self.measure(observation, now_ns, settings);
             }
-            (None, Some(_)) => {
+            (known, read) if came_apart || (known.is_none() && read.is_some()) => {
                 self.measure_elsewhere(observation, now_ns);
                 self.measure(observation, now_ns, settings);
             }
             _ => self.measure(observation, now_ns, settings),
         }
+        self.publish_ahead(now_ns, settings);
+    }
+
+    /// Takes this frame's observation of the object and others that it touches.
+    pub(crate) fn merge(&mut self, blob: &MergedBlob, now_ns: u64, settings: &Settings) {
+        self.age_frames += 1;
+        self.misses = 0;
+        self.observed = blob.leads.then_some(blob.index);
+        self.pose_observed = false;
+        let (expected, _) = self.expected(now_ns);
+        if self.shift != [0.0; 2] {
+            self.history.translate(self.shift);
+            self.forecaster.measured_elsewhere();
+            self.shift = [0.0; 2];
+        }
+        let last_alone_ns = self
+            .history
+            .newest()
+            .map_or(now_ns, |newest| newest.time_ns);
+        let place = Place::take(self.place, blob, expected, last_alone_ns);
+        self.place = Some(place);
+        self.heading = self.headings.at(now_ns);
+        self.go_on_from(
+            place.position(blob.observation),
+            place.covariance(blob.observation, now_ns),
+            now_ns,
+            settings,
+        );
         self.publish_ahead(now_ns, settings);
     }
 
@@ -242,17 +307,35 @@ impl Track {
         self.marker = observation.marker;
         self.unread = 0;
         self.shift = [0.0; 2];
+        self.place = None;
         self.pose_observed = true;
-        self.position = [observation.x, observation.y];
-        self.covariance = observation.covariance;
         if let Some(heading) = observation.heading {
             self.headings
                 .observe(now_ns, heading, step_s, MAX_FORECAST as f64 * step_s);
         }
         self.heading = self.headings.at(now_ns);
+        self.go_on_from(
+            [observation.x, observation.y],
+            observation.covariance,
+            now_ns,
+            settings,
+        );
+    }
+
+    /// Makes a place the newest sample, learns from it and looks ahead from it.
+    fn go_on_from(
+        &mut self,
+        position: [f64; 2],
+        covariance: Covariance,
+        now_ns: u64,
+        settings: &Settings,
+    ) {
+        let step_s = settings.forecast_step_s;
+        self.position = position;
+        self.covariance = covariance;
         let sample = Sample {
             time_ns: now_ns,
-            position: self.position,
+            position,
         };
         let least_spacing_ns = (LEAST_SPACING_STEPS * step_s * NS_PER_S) as u64;
         if self.history.push(sample, least_spacing_ns) {

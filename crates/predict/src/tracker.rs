@@ -4,6 +4,7 @@ use libm::sqrt;
 
 use crate::assign::assign_nearest;
 use crate::covariance::Covariance;
+use crate::merge::{Sighting, find_merged, stands_alone};
 use crate::motion::{norm_squared, sub};
 use crate::observation::{Observation, Settings};
 use crate::track::Track;
@@ -95,22 +96,29 @@ impl Tracker {
         let (checked, taken) = (&checked[..n_seen], &mut taken[..n_seen]);
         update.rejected = taken.iter().filter(|taken| **taken).count();
 
-        let observation_of = self.assign(checked, taken, frame_s);
-        for (track, assigned) in self.tracks[..self.n_tracks].iter_mut().zip(observation_of) {
-            match assigned.and_then(|i| Some((i, checked[i]?))) {
-                Some((i, observation)) => track.sight(i, &observation, self.clock_ns, settings),
-                None => track.miss(self.clock_ns, settings),
+        let sightings = self.assign(checked, taken, frame_s);
+        let now_ns = self.clock_ns;
+        for (track, sighting) in self.tracks[..self.n_tracks].iter_mut().zip(sightings) {
+            match sighting {
+                Sighting::Missed => track.miss(now_ns, settings),
+                Sighting::Own {
+                    index,
+                    observation,
+                    alone,
+                } => track.sight(index, observation, alone, now_ns, settings),
+                Sighting::Merged(blob) => track.merge(&blob, now_ns, settings),
             }
         }
         update.retired = self.retire();
         for (i, observation) in checked.iter().enumerate() {
-            if let Some(observation) = observation.filter(|_| !taken[i]) {
+            if let Some(observation) = observation.as_ref().filter(|_| !taken[i]) {
                 if self.n_tracks == MAX_TRACKS {
                     update.overflow += 1;
                     continue;
                 }
+                let alone = stands_alone(i, checked);
                 self.tracks[self.n_tracks] =
-                    Track::start(self.next_id, i, &observation, self.clock_ns, settings);
+                    Track::start(self.next_id, i, observation, alone, now_ns, settings);
                 self.n_tracks += 1;
                 self.next_id += 1;
                 update.started += 1;
@@ -131,16 +139,17 @@ impl Tracker {
         since_last_ns as f64 / NS_PER_S
     }
 
-    /// For each track its observation. Markers first: one that was read belongs to the track of that marker; then
-    /// all that is left by distance, but never an observation of one marker to the track of another.
+    /// What each track's object is seen as. Markers first: one that was read belongs to the track of that marker; then
+    /// blobs of several objects, so that none of these is looked for elsewhere; then all that is left by distance, but
+    /// never an observation of one marker to the track of another.
     ///
     /// Two things may carry the same marker, hence distance decides among them too.
-    fn assign(
+    fn assign<'a>(
         &self,
-        observations: &[Option<Observation>],
+        observations: &'a [Option<Observation>],
         taken: &mut [bool],
         frame_s: f64,
-    ) -> [Option<usize>; MAX_TRACKS] {
+    ) -> [Sighting<'a>; MAX_TRACKS] {
         let tracks = &self.tracks[..self.n_tracks];
         let mut expected: [([f64; 2], Covariance); MAX_TRACKS] = [Default::default(); MAX_TRACKS];
         let mut gates = [0.0; MAX_TRACKS];
@@ -160,6 +169,15 @@ impl Tracker {
             let same = observation.marker.is_some() && observation.marker == tracks[track].marker();
             same.then(|| within(track, observation, SAME_MARKER_GATES))?
         });
+        let merged = find_merged(tracks, &expected, observations, alive, |track| {
+            track.may_merge(self.clock_ns, &self.settings)
+        });
+        for (assigned, blob) in alive.iter_mut().zip(&merged) {
+            if let Some(blob) = blob {
+                *assigned = Some(blob.index);
+                taken[blob.index] = true;
+            }
+        }
         assign_nearest(alive, taken, |track, i| {
             let observation = observations[i].as_ref()?;
             let other = observation
@@ -168,15 +186,35 @@ impl Tracker {
                 .is_some_and(|(read, known)| read != known);
             (!other).then(|| within(track, observation, 1.0))?
         });
-        observation_of
+        let mut sightings = [Sighting::Missed; MAX_TRACKS];
+        for (track, sighting) in sightings.iter_mut().enumerate().take(tracks.len()) {
+            *sighting = match (merged[track], observation_of[track]) {
+                // With its marker read, the blob's position is this object's own.
+                (Some(blob), _) if !(blob.leads && blob.observation.marker.is_some()) => {
+                    Sighting::Merged(blob)
+                }
+                (shared, Some(index)) => {
+                    observations[index]
+                        .as_ref()
+                        .map_or(Sighting::Missed, |observation| Sighting::Own {
+                            index,
+                            observation,
+                            alone: shared.is_none() && stands_alone(index, observations),
+                        })
+                }
+                (_, None) => Sighting::Missed,
+            };
+        }
+        sightings
     }
 
     /// Furthest from its forecast that an object is looked for, in units. The time before the last frame in which it
-    /// was not measured adds the way at top speed.
+    /// was not measured adds the way at top speed; what was in a blob with others may leave it anywhere.
     fn gate(&self, track: &Track, frame_s: f64) -> f64 {
         let settings = &self.settings;
         let unseen_s = (track.unmeasured_s(self.clock_ns) - frame_s).max(0.0);
-        settings.gate_base + settings.top_speed * (GATE_SPEEDS * frame_s + unseen_s)
+        let way = settings.top_speed * (GATE_SPEEDS * frame_s + unseen_s);
+        settings.gate_base + track.blob_reach() + way
     }
 
     /// Drops lost tracks, keeps the order of the others.

@@ -29,20 +29,30 @@ fn accepted() -> impl Strategy<Value = Observation> {
     let variance = prop_oneof![Just(0.0), 0.0..1.0_f64, Just(1e18), Just(5e-324)];
     let heading =
         (-1e9..1e9_f64, 0.0..1e3_f64).prop_map(|(rad, variance)| Heading { rad, variance });
+    let extent = prop_oneof![
+        3 => (1.0..5.0_f64, 1.0..30.0_f64),
+        2 => (5.0..30.0_f64, 30.0..300.0_f64),
+        1 => prop::sample::select(vec![(0.0, 0.0), (1e9, 1e18), (5e-324, 5e-324), (1e9, 5e-324), (0.0, 1e18)]),
+    ];
     (
         [place(), place()],
         [variance.clone(), variance],
         -1.0..1.0_f64,
         prop::option::of(heading),
         prop::option::of(0..3_u32),
+        extent,
     )
-        .prop_map(|([x, y], [xx, yy], xy, heading, marker)| Observation {
-            x,
-            y,
-            covariance: [[xx, xy], [xy, yy]],
-            heading,
-            marker,
-        })
+        .prop_map(
+            |([x, y], [xx, yy], xy, heading, marker, (reach, area))| Observation {
+                x,
+                y,
+                covariance: [[xx, xy], [xy, yy]],
+                heading,
+                marker,
+                reach,
+                area,
+            },
+        )
 }
 
 fn arbitrary() -> impl Strategy<Value = Observation> {
@@ -53,14 +63,19 @@ fn arbitrary() -> impl Strategy<Value = Observation> {
         [[any_number(), any_number()], [any_number(), any_number()]],
         prop::option::of(heading),
         prop::option::of(any::<u32>()),
+        [any_number(), any_number()],
     )
-        .prop_map(|([x, y], covariance, heading, marker)| Observation {
-            x,
-            y,
-            covariance,
-            heading,
-            marker,
-        })
+        .prop_map(
+            |([x, y], covariance, heading, marker, [reach, area])| Observation {
+                x,
+                y,
+                covariance,
+                heading,
+                marker,
+                reach,
+                area,
+            },
+        )
 }
 
 /// Time stamps: even, equal, a nanosecond on, far ahead, backward, anything.
@@ -165,6 +180,8 @@ proptest! {
                 covariance: [[1.0, 0.0], [0.0, 1.0]],
                 heading: None,
                 marker: (i % 3 == 0).then_some(i as u32 % 5),
+                reach: 0.0,
+                area: 0.0,
             })
             .collect();
         for stamp_ns in [0, 66_666_667] {

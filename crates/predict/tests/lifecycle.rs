@@ -19,6 +19,8 @@ fn blob([x, y]: [f64; 2]) -> Observation {
         covariance: [[0.04, 0.0], [0.0, 0.04]],
         heading: None,
         marker: None,
+        reach: 0.0,
+        area: 0.0,
     }
 }
 

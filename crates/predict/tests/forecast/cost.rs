@@ -26,6 +26,8 @@ fn cost_of_a_full_floor() {
                 covariance: [[0.04, 0.0], [0.0, 0.04]],
                 heading: None,
                 marker: None,
+                reach: 0.0,
+                area: 0.0,
             };
             paths.iter().enumerate().map(observe).collect()
         })

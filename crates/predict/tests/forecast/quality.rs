@@ -33,6 +33,8 @@ pub(crate) fn score(
             covariance: [[variance, 0.0], [0.0, variance]],
             heading: None,
             marker: None,
+            reach: 0.0,
+            area: 0.0,
         };
         let stamp_ns = (now as f64 * settings.forecast_step_s * 1e9) as u64;
         tracker.update(stamp_ns, &[observation], settings);
