@@ -20,6 +20,19 @@ impl Outline {
     pub(crate) fn points(&self) -> &[[f64; 2]] {
         &self.points[..self.len]
     }
+
+    /// Distance of the farthest corner from a point, and the area, px and px².
+    pub(crate) fn extent(&self, centre: [f64; 2]) -> (f64, f64) {
+        let from_centre = |&[x, y]: &[f64; 2]| [x - centre[0], y - centre[1]];
+        let (mut reach, mut twice_area) = (0.0_f64, 0.0);
+        let mut before = self.points().last().map_or([0.0; 2], from_centre);
+        for [x, y] in self.points().iter().map(from_centre) {
+            reach = reach.max(x.hypot(y));
+            twice_area += before[0] * y - before[1] * x;
+            before = [x, y];
+        }
+        (reach, 0.5 * twice_area.abs())
+    }
 }
 
 /// The polygon that keeps within [`TOLERANCE_PX`] of a closed contour, or within as much more as [`CAPACITY`] needs (Douglas and

@@ -245,6 +245,7 @@ fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<O
         rad: f64::from(marker.heading_rad),
         variance: f64::from(marker.heading_sigma_rad).powi(2),
     });
+    let (reach, area) = detection.outline.extent(detection.centre);
     let Some(calibration) = calibration else {
         let [x, y] = detection.centre;
         return Some(Observation {
@@ -253,6 +254,8 @@ fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<O
             covariance: [[variance, 0.0], [0.0, variance]],
             heading,
             marker,
+            reach,
+            area,
         });
     };
     let floor = on_floor(calibration, detection.centre)?;
@@ -264,12 +267,15 @@ fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<O
         }
     });
     let [x, y] = floor.at;
+    let metres_per_px = floor.metres_per_px();
     Some(Observation {
         x,
         y,
         covariance: floor.covariance(variance),
         heading,
         marker,
+        reach: reach * metres_per_px,
+        area: area * metres_per_px * metres_per_px,
     })
 }
 
@@ -295,7 +301,8 @@ fn report(
         let name = family.name(marker as usize).as_bytes();
         object.marker[..name.len()].copy_from_slice(name);
     }
-    // A robot whose marker was not read is where its forecast says, not where its blob is.
+    // A robot whose marker was not read is where its forecast says, and things that touch are where they went into their
+    // common blob: not where the blob is.
     if track.pose_observed() {
         object.flags |= scene::OBSERVED;
     }

@@ -6,8 +6,8 @@
 //!
 //! # When a blob is merged
 //!
-//! Two or more tracks are expected within its extent, none of them nearer to the middle of another observation, and it is as
-//! large as all of them together. Area is what tells a merged blob from a neighbour's: it adds up for things that stand
+//! Two or more tracks are expected, or were just now, within its extent, none of them nearer to the middle of another
+//! observation, and it is as large as all of them together. Area is what tells a merged blob from a neighbour's: it adds up for things that stand
 //! side by side, which is the only way they can stand on a floor seen from above. So an object that is carried away beside
 //! another is missed like any other, although it was last seen within the other's extent.
 //!
@@ -19,8 +19,8 @@
 //!
 //! # The place in the blob
 //!
-//! Things on a floor cannot pass through each other, so each keeps the offset from the blob's centre with which it went in
-//! and moves with the blob. That two turn round each other does not show; their markers, or failing these their
+//! Things on a floor cannot pass through each other, so each keeps the offset from the blob's centre at which its forecast
+//! saw it go in, and moves with the blob. That two turn round each other does not show; their markers, or failing these their
 //! distances, decide when they come apart. Where what is measured becomes another point of the blob, because one
 //! more joined it or a marker was read in it, the offset is taken anew, so that nothing jumps.
 //!
@@ -187,7 +187,10 @@ pub(crate) fn find_merged<'a>(
     let mut around = [None; MAX_TRACKS];
     for (i, track) in tracks.iter().enumerate() {
         around[i] = match read[i] {
-            None if may_merge(track) => observation_around(expected[i].0, observations),
+            None if may_merge(track) => {
+                // What runs into another may stop at once.
+                observation_around([expected[i].0, track.position()], observations)
+            }
             read => read,
         };
     }
@@ -250,16 +253,19 @@ fn those_with_room(
     &tracks[..n_kept]
 }
 
-/// The observation within whose extent a place lies; of several the one to whose middle it is nearest, in parts of the
+/// The observation within whose extent one of the places lies; of several the one whose middle is nearest, in parts of its
 /// extent.
-fn observation_around(place: [f64; 2], observations: &[Option<Observation>]) -> Option<usize> {
+fn observation_around(
+    places: [[f64; 2]; 2],
+    observations: &[Option<Observation>],
+) -> Option<usize> {
     let mut nearest: Option<(f64, usize)> = None;
     for (i, observation) in observations.iter().enumerate() {
         let Some(observation) = observation.filter(|observation| observation.reach > 0.0) else {
             continue;
         };
-        let apart = sub(place, [observation.x, observation.y]);
-        let part = sqrt(norm_squared(apart)) / observation.reach;
+        let [a, b] = places.map(|place| norm_squared(sub(place, [observation.x, observation.y])));
+        let part = sqrt(a.min(b)) / observation.reach;
         if part <= 1.0 && nearest.is_none_or(|(least, _)| part < least) {
             nearest = Some((part, i));
         }
