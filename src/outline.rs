@@ -129,6 +129,16 @@ mod tests {
     }
 
     #[test]
+    fn the_extent_of_a_square_is_that_of_its_corners() {
+        let (reach, area) = simplified(&square(20)).extent([20.0, 5.0]);
+        assert_eq!((reach, area), (25.0, 400.0));
+        assert_eq!(
+            simplified(&[Point { x: 3, y: 4 }]).extent([3.0, 4.0]),
+            (0.0, 0.0)
+        );
+    }
+
+    #[test]
     fn one_point_is_its_own_outline() {
         assert_eq!(simplified(&[Point { x: 3, y: 4 }]).points(), [[3.0, 4.0]]);
     }
