@@ -36,7 +36,8 @@ impl Outline {
 }
 
 /// The polygon that keeps within [`TOLERANCE_PX`] of a closed contour, or within as much more as [`CAPACITY`] needs (Douglas and
-/// Peucker 1973). Its corners are points of the contour, in the contour's order, the first one among them.
+/// Peucker 1973). It is then grown by half a pixel, to the
+/// borders of the contour's pixels.
 pub(crate) fn simplified(contour: &[Point]) -> Outline {
     let mut outline = Outline {
         points: [[0.0; 2]; CAPACITY],
@@ -46,7 +47,35 @@ pub(crate) fn simplified(contour: &[Point]) -> Outline {
     while !simplify_within(contour, tolerance, &mut outline) {
         tolerance *= 1.5;
     }
+    outline.grow();
     outline
+}
+
+impl Outline {
+    /// Moves every side outwards by half a pixel: contours run through the centres of pixels, objects end at their borders.
+    fn grow(&mut self) {
+        const HALF_PX: f64 = 0.5;
+        let n = self.len;
+        if n < 3 {
+            return;
+        }
+        let corners = self.points;
+        // Clockwise on the screen, hence outwards to the left of a side.
+        let outwards = |i: usize| {
+            let ([x0, y0], [x1, y1]) = (corners[i % n], corners[(i + 1) % n]);
+            let length = (x1 - x0).hypot(y1 - y0);
+            (length > 0.0).then(|| [(y1 - y0) / length, (x0 - x1) / length])
+        };
+        for (i, point) in self.points[..n].iter_mut().enumerate() {
+            let (Some(a), Some(b)) = (outwards(i + n - 1), outwards(i)) else {
+                continue;
+            };
+            // To where both sides meet; at a sharp corner not further than two half pixels.
+            let sum = [a[0] + b[0], a[1] + b[1]];
+            let scale = HALF_PX / (1.0 + a[0] * b[0] + a[1] * b[1]).max(0.5);
+            *point = [point[0] + scale * sum[0], point[1] + scale * sum[1]];
+        }
+    }
 }
 
 /// Whether the polygon had room.
@@ -124,7 +153,7 @@ mod tests {
     fn a_square_has_four_corners() {
         assert_eq!(
             simplified(&square(20)).points(),
-            [[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]]
+            [[-0.5, -0.5], [20.5, -0.5], [20.5, 20.5], [-0.5, 20.5]]
         );
     }
 

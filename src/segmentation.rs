@@ -15,7 +15,7 @@ use imgproc::contour::{
     Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
 };
 use imgproc::difference::{Colour, DifferenceMut, Gains, difference};
-use imgproc::morphology::{close_3x3, dilate_3x3, erode_3x3, open_3x3};
+use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
 use imgproc::texture::{Visibility, visibility};
 use imgproc::{Bounds, Point, Size};
 
@@ -61,7 +61,7 @@ pub(crate) struct SegmentationSettings {
 }
 
 /// Pixels outside of an object are floor where they differ by less than this share of the threshold.
-const WEAK: f32 = 0.6;
+const WEAK: f32 = 0.5;
 
 /// What a shadow may change in colour, as a share of what it changes in lightness.
 const SHADOW_TINT: f32 = 0.1;
@@ -264,11 +264,11 @@ impl Segmenter {
                     continue;
                 }
                 let middle = ((x + side / 2).min(width - 1), (y + side / 2).min(height - 1));
-                // Sum of three channels in sixteenths; channels vary half together.
+                // Sum of three channels in sixteenths of a level.
                 let noise = f32::from(self.upkeep.noise()[middle.1 * width + middle.0]).max(4.0)
                     / 8.0
                     * 16.0
-                    * 2.3;
+                    * 1.8;
                 let level = &self.planes.level;
                 // What is darker than the floor is compared apart from the floor beside it, and from what is brighter.
                 let of = |kind: fn(u8) -> bool| {
@@ -307,13 +307,21 @@ impl Segmenter {
             *mask = u8::from(class & !STRONG >= BRIGHT);
         }
         open_3x3(&mut self.mask, self.size, &mut self.scratch);
-        close_3x3(&mut self.mask, self.size, &mut self.scratch);
+        self.close_gaps();
         self.strip_blur();
         // A core is strong and has a 5x5 square of object around it.
         erode_3x3(&self.mask, self.size, &mut self.scratch);
         erode_3x3(&self.scratch, self.size, &mut self.covered);
         for ((mask, &inside), &class) in self.mask.iter_mut().zip(&self.covered).zip(&self.class) {
             *mask |= (inside & u8::from(class & STRONG != 0)) << 1;
+        }
+    }
+
+    /// Closing by a 5x5 window: a robot in two colours has a line between them that is neither.
+    fn close_gaps(&mut self) {
+        for step in [dilate_3x3, dilate_3x3, erode_3x3, erode_3x3] {
+            step(&self.mask, self.size, &mut self.scratch);
+            std::mem::swap(&mut self.mask, &mut self.scratch);
         }
     }
 

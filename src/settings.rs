@@ -39,7 +39,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             learn: 30,
-            threshold: 3.5,
+            threshold: 5.0,
             shadow: 0.6,
             area_min: 80,
             plate_min: 10.0,

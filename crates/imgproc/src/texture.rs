@@ -32,7 +32,7 @@ pub struct Visibility {
 
 /// How much of the floor's texture shows through around a pixel; `None` within 8 pixels of the border, and where the signal is less
 /// than `signal_least`. Only pixels whose index `counts` are looked at. `level` and `floor_level` are sums of channels, as in
-/// [`Reference`](crate::difference::Reference), `noise` the standard deviation of `level` in its unit.
+/// [`Reference`](crate::difference::Reference), `noise` the standard deviation of the floor's level.
 ///
 /// # Panics
 ///
@@ -71,8 +71,10 @@ pub fn visibility(
         }
     }
     let ratio = sum as f32 / floor_sum.max(1) as f32;
-    // The noise of a pixel and of a mean of four.
-    let signal = ratio * (power.max(0).isqrt() as f32) / (1.12 * noise);
+    // The noise of a pixel and of a mean of four. Most of it is that of the light itself, whose variance follows the light: in
+    // the frame it is less by the root of the ratio, and the signal by the ratio.
+    let root = ((ratio * 65536.0) as u32).isqrt() as f32 / 256.0;
+    let signal = root * (power.max(0).isqrt() as f32) / (1.12 * noise);
     if signal < signal_least {
         return None;
     }
