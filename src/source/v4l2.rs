@@ -1,8 +1,8 @@
 //! The kernel's video interface (V4L2): structures, calls and mapped buffers, as safe functions.
 //!
 //! The only file of the project with `unsafe`. It knows what the kernel says and nothing of what to make of it; that is
-//! [`crate::source::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture, no controls, no
-//! outputs, no requests.
+//! [`crate::source::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture and controls that
+//! are one number, no outputs, no requests.
 //!
 //! Source: Linux Media Subsystem Documentation, part "Video for Linux API".
 #![allow(unsafe_code)]
@@ -34,7 +34,8 @@ const MAX_LISTED: u32 = 256;
 fn call<T>(fd: RawFd, request: &Request<T>, argument: &mut T) -> io::Result<()> {
     loop {
         // SAFETY: the request number contains the size of T, and by this number the kernel reads and writes no more than so
-        // many bytes at the address, which `argument` lends exclusively. All types used here are valid for any bytes.
+        // many bytes at the address, which `argument` lends exclusively. All types used here are valid for any bytes. The only
+        // one with an address in it is `ExtendedControls`, which `call_control` makes and nobody else.
         let status = unsafe { libc::ioctl(fd, request.number, ptr::from_mut(argument)) };
         if status == 0 {
             return Ok(());
@@ -44,6 +45,33 @@ fn call<T>(fd: RawFd, request: &Request<T>, argument: &mut T) -> io::Result<()> 
             return Err(error);
         }
     }
+}
+
+/// Performs a request on one control and returns its value.
+///
+/// The older requests of a single control are meant for user controls only, and exposure and focus are camera controls.
+fn call_control(
+    fd: RawFd,
+    request: &Request<ExtendedControls>,
+    id: u32,
+    value: i32,
+) -> io::Result<i32> {
+    let mut control = ExtendedControl {
+        id,
+        value,
+        ..ExtendedControl::default()
+    };
+    let mut controls = ExtendedControls {
+        class: id & CONTROL_CLASS_MASK,
+        count: 1,
+        error_index: 0,
+        request_fd: 0,
+        reserved: 0,
+        // The kernel writes `count` controls there, until the request is done; `control` lives longer.
+        controls: ptr::from_mut(&mut control),
+    };
+    call(fd, request, &mut controls)?;
+    Ok(control.value)
 }
 
 /// `CLOCK_MONOTONIC`, the clock of the kernel's time stamps.
@@ -81,6 +109,16 @@ pub(crate) enum Intervals {
         shortest: Fraction,
         longest: Fraction,
     },
+}
+
+/// What a control takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ControlRange {
+    pub(crate) least: i32,
+    pub(crate) most: i32,
+    /// Between values, counted from the least; at least 1.
+    pub(crate) step: i32,
+    pub(crate) is_writable: bool,
 }
 
 impl fmt::Display for Sizes {
@@ -261,6 +299,30 @@ impl Device {
         let is_known = found.capability & CAP_TIME_PER_FRAME != 0;
         (is_known && numerator > 0 && denominator > 0).then_some(found.time_per_frame)
     }
+
+    /// What a control takes; `None` if the camera does not have it.
+    pub(crate) fn control(&self, id: u32) -> Option<ControlRange> {
+        let mut found = ControlQuery {
+            id,
+            ..ControlQuery::default()
+        };
+        call(self.fd(), &QUERYCTRL, &mut found).ok()?;
+        (found.flags & CONTROL_DISABLED == 0).then_some(ControlRange {
+            least: found.minimum,
+            most: found.maximum,
+            step: found.step.max(1),
+            is_writable: found.flags & CONTROL_READ_ONLY == 0,
+        })
+    }
+
+    pub(crate) fn control_value(&self, id: u32) -> io::Result<i32> {
+        call_control(self.fd(), &G_EXT_CTRLS, id, 0)
+    }
+
+    /// Sets a control. The camera may take another value instead, which only reading it tells.
+    pub(crate) fn set_control(&self, id: u32, value: i32) -> io::Result<()> {
+        call_control(self.fd(), &S_EXT_CTRLS, id, value).map(drop)
+    }
 }
 
 /// A kernel's buffer in this program's memory.
@@ -391,6 +453,11 @@ impl Stream {
                 .map_err(failed("VIDIOC_QBUF"))?;
         }
         Ok(stream)
+    }
+
+    /// The camera.
+    pub(crate) fn device(&self) -> &Device {
+        &self.device
     }
 
     /// Starts the camera.
@@ -556,6 +623,9 @@ mod tests {
         let null = Device::open(Path::new("/dev/null")).expect("opens");
         assert!(null.card().is_err());
         assert!(null.formats().is_empty());
+        let gain = 0x0098_0913;
+        assert_eq!(null.control(gain), None);
+        assert!(null.control_value(gain).is_err() && null.set_control(gain, 0).is_err());
     }
 
     #[test]

@@ -26,6 +26,11 @@ pub(super) const FIELD_NONE: u32 = 1;
 pub(super) const CAP_TIME_PER_FRAME: u32 = 0x1000;
 pub(super) const KIND_DISCRETE: u32 = 1;
 
+/// The part of a control's number that names its class.
+pub(super) const CONTROL_CLASS_MASK: u32 = 0x0fff_0000;
+pub(super) const CONTROL_DISABLED: u32 = 0x0001;
+pub(super) const CONTROL_READ_ONLY: u32 = 0x0004;
+
 pub(super) const BUFFER_ERROR: u32 = 0x0000_0040;
 pub(super) const BUFFER_CLOCK_MASK: u32 = 0x0000_e000;
 pub(super) const BUFFER_CLOCK_MONOTONIC: u32 = 0x0000_2000;
@@ -154,6 +159,42 @@ pub(super) struct Buffer {
     pub(super) reserved: [u32; 2],
 }
 
+/// What a control is and takes.
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct ControlQuery {
+    pub(super) id: u32,
+    pub(super) kind: u32,
+    pub(super) name: [u8; 32],
+    pub(super) minimum: i32,
+    pub(super) maximum: i32,
+    pub(super) step: i32,
+    pub(super) default: i32,
+    pub(super) flags: u32,
+    pub(super) reserved: [u32; 2],
+}
+
+/// The kernel packs it: its union of eight bytes is not aligned to eight.
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+pub(super) struct ExtendedControl {
+    pub(super) id: u32,
+    pub(super) size: u32,
+    pub(super) reserved: u32,
+    pub(super) value: i32,
+    pub(super) rest_of_union: u32,
+}
+
+#[repr(C)]
+pub(super) struct ExtendedControls {
+    pub(super) class: u32,
+    pub(super) count: u32,
+    pub(super) error_index: u32,
+    pub(super) request_fd: i32,
+    pub(super) reserved: u32,
+    pub(super) controls: *mut ExtendedControl,
+}
+
 /// A request number and the type of its argument.
 pub(super) struct Request<T> {
     pub(super) number: libc::Ioctl,
@@ -184,6 +225,9 @@ pub(super) const STREAMON: Request<libc::c_int> = request(WRITE, 18);
 pub(super) const STREAMOFF: Request<libc::c_int> = request(WRITE, 19);
 pub(super) const G_PARM: Request<StreamParameters> = request(READ_WRITE, 21);
 pub(super) const S_PARM: Request<StreamParameters> = request(READ_WRITE, 22);
+pub(super) const QUERYCTRL: Request<ControlQuery> = request(READ_WRITE, 36);
+pub(super) const G_EXT_CTRLS: Request<ExtendedControls> = request(READ_WRITE, 71);
+pub(super) const S_EXT_CTRLS: Request<ExtendedControls> = request(READ_WRITE, 72);
 pub(super) const ENUM_FRAMESIZES: Request<FrameSizeEntry> = request(READ_WRITE, 74);
 pub(super) const ENUM_FRAMEINTERVALS: Request<FrameIntervalEntry> = request(READ_WRITE, 75);
 
@@ -200,9 +244,15 @@ const _: () = {
     assert!(STREAMOFF.number as u32 == 0x4004_5613);
     assert!(G_PARM.number as u32 == 0xc0cc_5615);
     assert!(S_PARM.number as u32 == 0xc0cc_5616);
+    assert!(QUERYCTRL.number as u32 == 0xc044_5624);
+    assert!(G_EXT_CTRLS.number as u32 == 0xc020_5647);
+    assert!(S_EXT_CTRLS.number as u32 == 0xc020_5648);
     assert!(ENUM_FRAMESIZES.number as u32 == 0xc02c_564a);
     assert!(ENUM_FRAMEINTERVALS.number as u32 == 0xc034_564b);
     assert!(size_of::<PixFormat>() == 48);
+    assert!(size_of::<ExtendedControl>() == 20);
+    assert!(offset_of!(ExtendedControl, value) == 12);
+    assert!(offset_of!(ExtendedControls, controls) == 24);
     assert!(offset_of!(Format, pix) == 8);
     assert!(offset_of!(Buffer, timestamp_s) == 24);
     assert!(offset_of!(Buffer, sequence) == 56);
