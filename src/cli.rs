@@ -9,6 +9,7 @@ use crate::frame::PixelFormat;
 use crate::recording::image_message::ImageMode;
 use crate::settings::Settings;
 use crate::source::camera::Wish;
+use crate::source::controls::ControlWish;
 
 /// One camera on the ceiling becomes a positioning service for everything on the floor.
 ///
@@ -32,7 +33,7 @@ pub struct Cli {
 /// Everything beside the main job.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// List the cameras with their formats, sizes and rates
+    /// List the cameras with their formats, sizes, rates and controls
     Devices,
     /// Print what a running overcam publishes, as --json would
     Watch {
@@ -59,7 +60,7 @@ pub struct RunArgs {
     /// Camera node, .mcap recording, .y4m file, - for Y4M on standard input, folder of PNG/JPEG files, or demo
     #[arg(long, default_value = "demo")]
     pub device: String,
-    /// Size of the camera's frames, as 640x480
+    /// Size of the camera's or the demo's frames, as 640x480
     #[arg(long, value_parser = parse_size)]
     pub size: Option<Size>,
     /// Frames per second of the camera, or of a folder of pictures
@@ -68,6 +69,22 @@ pub struct RunArgs {
     /// Pixel format of the camera: yuyv, uyvy, nv12, grey, rgb or mjpg
     #[arg(long, value_parser = parse_format)]
     pub format: Option<PixelFormat>,
+    /// Leave the camera's automatics on, except of what is given; otherwise exposure, gain, white balance and focus are locked
+    /// at what they are a second after the start
+    #[arg(long)]
+    pub camera_auto: bool,
+    /// Exposure time of the camera, in microseconds
+    #[arg(long, value_name = "MICROSECONDS")]
+    pub exposure: Option<u32>,
+    /// Gain of the camera, in its own unit
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub gain: Option<i32>,
+    /// Colour temperature of the camera's white balance, in kelvins
+    #[arg(long, value_name = "KELVIN")]
+    pub white_balance: Option<u32>,
+    /// Focus of the camera, in its own unit
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub focus: Option<i32>,
     /// Record every frame and result into a new MCAP file
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -114,6 +131,13 @@ impl RunArgs {
             size: self.size,
             rate_hz: self.rate,
             format: self.format,
+            controls: ControlWish {
+                camera_auto: self.camera_auto,
+                exposure_us: self.exposure,
+                gain: self.gain,
+                white_balance_k: self.white_balance,
+                focus: self.focus,
+            },
         }
     }
 

@@ -10,11 +10,13 @@ use clap::Parser;
 use overcam::cli::{Cli, Command};
 use overcam::recording::recover;
 use overcam::run::{Completion, run};
-use overcam::source::devices;
+use overcam::source::{SourceError, devices};
 use overcam::status::{one_line, tell};
 use overcam::watch;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+/// The arguments contradict each other; those that cannot be read end the program with the same.
+const WRONG_ARGUMENTS: u8 = 2;
 /// Finished, but frames were lost from the recording.
 const FRAMES_LOST: u8 = 3;
 
@@ -24,7 +26,10 @@ fn main() -> ExitCode {
         Ok(Completion::FramesLost) => ExitCode::from(FRAMES_LOST),
         Err(error) => {
             tell(format_args!("overcam: {}", one_line(&error)));
-            ExitCode::FAILURE
+            match error.downcast_ref() {
+                Some(SourceError::Argument { .. }) => ExitCode::from(WRONG_ARGUMENTS),
+                _ => ExitCode::FAILURE,
+            }
         }
     }
 }

@@ -100,7 +100,6 @@ pub fn run(
     let Some(mut source) = open_source(args, stop)? else {
         return Ok(Completion::Done);
     };
-    let info = source.info();
     let setup = Setup::new(args, &source)?;
     let publisher = if args.no_publish {
         None
@@ -108,7 +107,11 @@ pub fn run(
         Some(Publisher::open(&args.service)?)
     };
     // After all that takes time, lest the first frames are old.
-    source.start()?;
+    source.start(stop)?;
+    if stop.load(Ordering::Relaxed) {
+        return Ok(Completion::Done);
+    }
+    let info = source.info();
     // Last, so that a run that cannot start leaves no file behind.
     let recorder = args
         .record
@@ -116,6 +119,9 @@ pub fn run(
         .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
         .transpose()?;
     setup.announce(args, &info);
+    if let (true, Some(controls)) = (info.live, &info.controls) {
+        tell(format_args!("overcam: camera: {controls}"));
+    }
 
     let (to_process, frames) = sync_channel(SLOTS);
     let (to_capture, free) = sync_channel(SLOTS);
@@ -177,7 +183,12 @@ pub fn run(
     let recorded = recording
         .map(|thread| joined(thread, "record"))
         .transpose()?;
-    let captured = joined_unless_blocked(capture, stop)?;
+    let captured = if info.live {
+        // A camera blocks nobody for long, and its controls are put back at the end.
+        joined(capture, "capture")?
+    } else {
+        joined_unless_blocked(capture, stop)?
+    };
     books.captured = counters.captured.load(Ordering::Acquire);
     books.dropped = counters.dropped.load(Ordering::Acquire);
     finish(

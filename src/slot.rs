@@ -19,6 +19,9 @@ pub struct SourceInfo {
     pub rate_hz: Option<f64>,
     /// Frames come whether or not somebody takes them: the newest one wins, and one that finds no room is dropped.
     pub live: bool,
+    /// At what a camera's exposure, gain, white balance and focus are locked, and which are not, for people to read. A
+    /// recording has it from the camera that it was made with.
+    pub controls: Option<String>,
 }
 
 /// What [`Source::next`](crate::source::Source::next) found.

@@ -1,10 +1,11 @@
 //! Where frames come from: one enum, because its members are known.
 //!
-//! [`camera`] captures from a V4L2 device ([`devices`] lists them, `negotiation` chooses among what a camera offers, `v4l2` is the
-//! kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`pictures`] read files,
+//! [`camera`] captures from a V4L2 device ([`devices`] lists them, `negotiation` chooses among what a camera offers, [`controls`]
+//! locks its exposure and the like, `v4l2` is the kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`pictures`] read files,
 //! [`replay`](crate::recording::replay) reads recordings, and [`demo`] is the synthetic floor that `render` draws.
 
 pub mod camera;
+pub mod controls;
 pub mod demo;
 pub mod devices;
 mod negotiation;
@@ -16,6 +17,7 @@ pub mod y4m;
 use std::fs::File;
 use std::io::{BufReader, Stdin};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use crate::recording::provenance::Provenance;
 use crate::recording::replay::{Recording, ReplayError};
@@ -50,6 +52,16 @@ pub enum SourceError {
     /// A file that is none of the known kinds.
     #[error("{}: not a source of frames; give a camera, an .mcap or .y4m file, a folder of pictures, or -", .0.display())]
     Unknown(PathBuf),
+    /// An argument that says something of a camera, or of a folder of pictures, to which it does not apply.
+    #[error("{device}: {flag} does not apply to {kind}: leave it out")]
+    Argument {
+        /// What `--device` names.
+        device: String,
+        /// The argument.
+        flag: &'static str,
+        /// What the source is.
+        kind: &'static str,
+    },
     /// From a camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -65,19 +77,28 @@ pub enum SourceError {
 }
 
 impl Source {
-    /// Opens what `--device` names: `demo`, `-`, a camera's node, a file or a folder. The wish counts for cameras, its rate for folders
-    /// of pictures and its size for the demo too.
+    /// Opens what `--device` names: `demo`, `-`, a camera's node, a file or a folder. The wish is for cameras; its rate counts for
+    /// folders of pictures and its size for the demo too.
     ///
     /// # Errors
     ///
-    /// [`SourceError`] when it is not there or gives no frames.
+    /// [`SourceError`] when it is not there, gives no frames, or the wish contains what does not apply to it.
     pub fn open(device: &str, wish: &Wish) -> Result<Self, SourceError> {
+        let only = |flags: &[&str], kind: &'static str| {
+            let stray = wish.flags().find(|flag| !flags.contains(flag));
+            stray.map_or(Ok(()), |flag| {
+                let device = device.to_owned();
+                Err(SourceError::Argument { device, flag, kind })
+            })
+        };
         if device == "demo" {
+            only(&["--size"], "the demo")?;
             return Ok(Self::Demo(Box::new(Demo::new(
                 wish.size.unwrap_or(demo::NATURAL_SIZE),
             ))));
         }
         if device == "-" {
+            only(&[], "Y4M on standard input")?;
             return Ok(Self::Y4mStdin(Y4m::stdin()?));
         }
         let path = Path::new(device);
@@ -89,11 +110,18 @@ impl Source {
             }
             (Err(_), _) => Err(SourceError::Missing(path.to_owned())),
             (Ok(data), _) if data.is_dir() => {
+                only(&["--rate"], "a folder of pictures")?;
                 let rate_hz = wish.rate_hz.unwrap_or(pictures::DEFAULT_RATE_HZ);
                 Ok(Self::Pictures(Pictures::open(path, rate_hz)?))
             }
-            (Ok(_), Some("mcap")) => Ok(Self::Recording(Box::new(Recording::open(path)?))),
-            (Ok(_), Some("y4m")) => Ok(Self::Y4mFile(Y4m::open(path)?)),
+            (Ok(_), Some("mcap")) => {
+                only(&[], "a recording")?;
+                Ok(Self::Recording(Box::new(Recording::open(path)?)))
+            }
+            (Ok(_), Some("y4m")) => {
+                only(&[], "a Y4M file")?;
+                Ok(Self::Y4mFile(Y4m::open(path)?))
+            }
             (Ok(_), _) => Err(SourceError::Unknown(path.to_owned())),
         }
     }
@@ -129,14 +157,15 @@ impl Source {
         }
     }
 
-    /// Starts a camera, which runs from then on; all other sources wait for whoever takes their frames.
+    /// Starts a camera and locks its controls, which takes a second at most unless `stop` is set; it runs from then on. All
+    /// other sources wait for whoever takes their frames.
     ///
     /// # Errors
     ///
     /// [`SourceError::Camera`] when it cannot start.
-    pub fn start(&mut self) -> Result<(), SourceError> {
+    pub fn start(&mut self, stop: &AtomicBool) -> Result<(), SourceError> {
         match self {
-            Self::Camera(camera) => Ok(camera.start()?),
+            Self::Camera(camera) => Ok(camera.start(stop)?),
             _ => Ok(()),
         }
     }

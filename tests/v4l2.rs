@@ -4,6 +4,7 @@
 //! `v4l2-ctl`. One test at a time: there is one camera.
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 use std::{env, fs};
 
@@ -11,6 +12,7 @@ use imgproc::Size;
 use overcam::frame::{Frame, Picture, PixelFormat, decode};
 use overcam::slot::Next;
 use overcam::source::camera::{Camera, CameraError, Counters, Wish};
+use overcam::source::controls::ControlWish;
 use overcam::source::devices;
 
 const VGA: Size = Size {
@@ -24,15 +26,24 @@ fn node() -> PathBuf {
     env::var_os("OVERCAM_TEST_CAMERA").map_or_else(|| "/dev/video0".into(), PathBuf::from)
 }
 
+/// Without a second of waiting for automatics, which most tests are not about.
 fn open(wish: Wish) -> Camera {
+    let controls = ControlWish {
+        camera_auto: true,
+        ..wish.controls
+    };
+    start(Wish { controls, ..wish })
+}
+
+fn start(wish: Wish) -> Camera {
     let mut camera = Camera::open(&node(), &wish).expect("a camera");
-    camera.start().expect("it starts");
+    camera.start(&AtomicBool::new(false)).expect("it starts");
     camera
 }
 
 fn error(wish: Wish) -> CameraError {
     Camera::open(&node(), &wish)
-        .and_then(|mut camera| camera.start())
+        .and_then(|mut camera| camera.start(&AtomicBool::new(false)))
         .expect_err("should be refused")
 }
 
@@ -77,6 +88,17 @@ fn set_control(setting: &str) {
     assert!(status.success(), "{setting}");
 }
 
+fn control(name: &str) -> String {
+    let output = Command::new("v4l2-ctl")
+        .arg("-d")
+        .arg(node())
+        .args(["-C", name])
+        .output()
+        .expect("v4l2-ctl runs");
+    let text = String::from_utf8(output.stdout).expect("text");
+    text.trim().to_owned()
+}
+
 fn picture(frame: &Frame) -> Picture {
     let mut picture = Picture::new(frame.size);
     decode(frame, &mut picture).expect("a whole frame");
@@ -115,7 +137,7 @@ fn vivid_shows_the_same_colours_in_every_format() {
             let wish = Wish {
                 format: Some(format),
                 size,
-                rate_hz: None,
+                ..Wish::default()
             };
             let mut camera = open(wish);
             assert_eq!(
@@ -205,9 +227,68 @@ fn vivid_is_listed() {
         "  YUYV\n",
         "    640x480: ",
         "not read by overcam: ",
+        "  gain: 0 to 255, now ",
     ] {
         assert!(text.contains(part), "{part} in\n{text}");
     }
+}
+
+/// The gain of vivid is the seconds of its clock while it is automatic; it has nothing else of what is locked.
+#[test]
+#[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
+fn vivid_gain_is_locked_and_given_back() {
+    set_control("gain_automatic=1");
+    let mut camera = start(small());
+    let report = camera.info().controls.expect("it is started");
+    let gain = report.strip_prefix("locked gain ").expect(&report);
+    let (gain, missing) = gain.split_once("; ").expect(&report);
+    assert_eq!(missing, "no control of exposure, white balance, focus");
+    assert_eq!(control("gain_automatic"), "gain_automatic: 0");
+    assert_eq!(control("gain"), format!("gain: {gain}"));
+    // What was thrown away is not counted.
+    assert_eq!(frames(&mut camera, 3)[0].sequence, 0);
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(control("gain"), format!("gain: {gain}"));
+    drop(camera);
+    assert_eq!(control("gain_automatic"), "gain_automatic: 1");
+
+    let camera = open(small());
+    let report = camera.info().controls.expect("it is started");
+    assert!(report.starts_with("automatic gain; no control"), "{report}");
+    assert_eq!(control("gain_automatic"), "gain_automatic: 1");
+}
+
+#[test]
+#[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
+fn vivid_takes_what_is_given_by_hand_and_refuses_what_it_has_not() {
+    set_control("gain_automatic=1");
+    let with = |controls| Wish {
+        controls,
+        ..small()
+    };
+    let gain = |gain| ControlWish {
+        gain: Some(gain),
+        ..ControlWish::default()
+    };
+    let camera = start(with(gain(7)));
+    let report = camera.info().controls.expect("it is started");
+    assert!(report.starts_with("given gain 7; no control"), "{report}");
+    assert_eq!(control("gain"), "gain: 7");
+    drop(camera);
+    assert_eq!(control("gain_automatic"), "gain_automatic: 1");
+
+    let refusal = error(with(gain(256))).to_string();
+    assert!(
+        refusal.ends_with("--gain 256: the camera has 0 to 255 in steps of 1"),
+        "{refusal}"
+    );
+    let focus = ControlWish {
+        focus: Some(1),
+        ..ControlWish::default()
+    };
+    let refusal = error(with(focus)).to_string();
+    assert!(refusal.contains("has no focus"), "{refusal}");
+    assert_eq!(control("gain_automatic"), "gain_automatic: 1");
 }
 
 #[test]
@@ -362,7 +443,9 @@ fn write_feeds() {
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn loopback_raw_frames_are_those_of_the_feed() {
-    let mut camera = open(Wish::default());
+    let mut camera = start(Wish::default());
+    let report = camera.info().controls.expect("it is started");
+    assert_eq!(report, "no control of exposure, gain, white balance, focus");
     let frames = frames(&mut camera, 30);
     // The first buffer has count 0, the next ones their place since the feed began, which is seconds ago.
     assert!(frames[29].sequence < 100, "{}", frames[29].sequence);

@@ -381,6 +381,7 @@ mod tests {
             format,
             rate_hz: None,
             live: false,
+            controls: None,
         }
     }
 

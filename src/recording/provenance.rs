@@ -1,8 +1,8 @@
 //! What a recording says about its own making, so that a replay repeats it.
 //!
 //! A recording starts with one MCAP metadata record named `overcam` and a few attachments. The metadata record holds short
-//! facts as text: where the frames came from, their size and layout, how log times follow from exposure times, and the
-//! settings of the run as TOML. The attachments hold the files of the run: `markers/NAME.svg` and `calibration.toml`.
+//! facts as text: where the frames came from, their size and layout, at what the camera's controls were locked, how log times
+//! follow from exposure times, and the settings of the run as TOML. The attachments hold the files of the run: `markers/NAME.svg` and `calibration.toml`.
 //! Numbers are written in the shortest form that reads back to the same value.
 //!
 //! Deliberately absent: anything that is known only later (counts, durations). MCAP's own summary has it.
@@ -65,6 +65,8 @@ pub(crate) struct Frames {
     pub(crate) rate_hz: Option<f64>,
     /// What was added to exposure times to get log times.
     pub(crate) wall_offset_ns: u64,
+    /// The camera's controls, as [`SourceInfo::controls`] said it.
+    pub(crate) controls: Option<String>,
 }
 
 /// A metadata record or an attachment that overcam did not write in this form.
@@ -165,6 +167,9 @@ pub(crate) fn to_metadata(
     if let Some(rate_hz) = info.rate_hz {
         metadata.insert("rate_hz".to_owned(), rate_hz.to_string());
     }
+    if let Some(controls) = &info.controls {
+        metadata.insert("controls".to_owned(), controls.clone());
+    }
     if let Some(rows) = provenance.floor_from_image {
         let numbers: Vec<String> = rows.as_flattened().iter().map(f64::to_string).collect();
         metadata.insert("floor_from_image".to_owned(), numbers.join(" "));
@@ -194,6 +199,7 @@ pub(crate) fn from_metadata(
             None
         },
         wall_offset_ns: number(metadata, "wall_offset_ns")?,
+        controls: metadata.get("controls").cloned(),
     };
     let provenance = Provenance {
         version: text("version")?,
@@ -272,6 +278,7 @@ mod tests {
             format: PixelFormat::I420,
             rate_hz: Some(30000.0 / 1001.0),
             live: true,
+            controls: Some("locked exposure 15600 us; no control of focus".to_owned()),
         };
         let provenance = Provenance {
             version: "0.1.0".to_owned(),
@@ -300,6 +307,7 @@ mod tests {
             stored_format: PixelFormat::Rgb,
             rate_hz: info.rate_hz,
             wall_offset_ns: 1_790_000_000_123,
+            controls: info.controls,
         };
         assert_eq!(frames, expected);
     }

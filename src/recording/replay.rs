@@ -236,9 +236,9 @@ impl Recording {
             }
             Maker::Unknown => return Err(reader.no_images("none".to_owned())),
         };
-        let rate_hz = match &reader.maker {
-            Maker::Overcam(frames) => frames.rate_hz,
-            _ => None,
+        let (rate_hz, controls) = match &reader.maker {
+            Maker::Overcam(frames) => (frames.rate_hz, frames.controls.clone()),
+            _ => (None, None),
         };
         Ok(Self {
             info: SourceInfo {
@@ -247,6 +247,7 @@ impl Recording {
                 format,
                 rate_hz,
                 live: false,
+                controls,
             },
             first: found.then_some(first),
             reader,

@@ -8,16 +8,21 @@
 //! no buffer for are found by gaps in its count. Padding at the end of rows is removed. A frame's moment is the kernel's stamp,
 //! or the moment at which the buffer is taken if the driver's stamps are not on the monotonic clock.
 //!
+//! Exposure, gain, white balance and focus are locked at the start: [`controls`](crate::source::controls) says how and why.
+//!
 //! # Deliberately absent
 //!
-//! Controls (exposure, white balance, focus): `v4l2-ctl` sets them better and lastingly. Multi-planar capture, which only
+//! Multi-planar capture, which only
 //! camera interfaces of embedded boards have. Reconnection: a camera that was unplugged may have been moved, and the picture of
 //! the empty floor would be wrong.
+
+mod locking;
 
 use std::io;
 use std::iter;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use imgproc::Size;
@@ -25,6 +30,7 @@ use imgproc::Size;
 use crate::frame::{Frame, MAX_SIDE, PixelFormat};
 use crate::jpeg;
 use crate::slot::{Next, SourceInfo};
+use crate::source::controls::{ControlError, ControlWish, Controls, Written};
 use crate::source::negotiation::{DEFAULT_RATE_HZ, interval, negotiate, text};
 use crate::source::v4l2::{self, Device, FailedCall, Filled, Fraction, Ready, Stream};
 
@@ -49,6 +55,26 @@ pub struct Wish {
     pub rate_hz: Option<f64>,
     /// Layout of the frames.
     pub format: Option<PixelFormat>,
+    /// Exposure, gain, white balance and focus.
+    pub controls: ControlWish,
+}
+
+impl Wish {
+    /// Names of the arguments that it was made from.
+    pub(crate) fn flags(&self) -> impl Iterator<Item = &'static str> {
+        let given = [
+            ("--size", self.size.is_some()),
+            ("--rate", self.rate_hz.is_some()),
+            ("--format", self.format.is_some()),
+            ("--camera-auto", self.controls.camera_auto),
+            ("--exposure", self.controls.exposure_us.is_some()),
+            ("--gain", self.controls.gain.is_some()),
+            ("--white-balance", self.controls.white_balance_k.is_some()),
+            ("--focus", self.controls.focus.is_some()),
+        ];
+        let given = given.into_iter().filter(|&(_, is_given)| is_given);
+        given.map(|(flag, _)| flag)
+    }
 }
 
 /// What a camera delivered that did not become a frame.
@@ -136,6 +162,14 @@ pub enum CameraError {
         /// Of a buffer.
         size_image: usize,
     },
+    /// A value that was given by hand cannot be had.
+    #[error("{path}: {reason}")]
+    Control {
+        /// The node and its card.
+        path: String,
+        /// Which value, and why.
+        reason: ControlError,
+    },
     /// Another request failed.
     #[error("{path}: {call} failed: {source}: unplug the camera and plug it in again")]
     Call {
@@ -175,12 +209,16 @@ pub enum CameraError {
     },
 }
 
-/// A camera and what was agreed on with it. It captures once it is started.
+/// A camera and what was agreed on with it. It captures once it is started. Dropping it stops it and puts its controls back; a
+/// camera that is gone is not waited for.
 #[derive(Debug)]
 pub struct Camera {
     stream: Stream,
     path: PathBuf,
     info: SourceInfo,
+    control_wish: ControlWish,
+    /// Controls that are to be put back.
+    written: Written,
     full_range: bool,
     /// Bytes of the pixels within a buffer, row by row; none for JPEG.
     rows: Vec<Range<usize>>,
@@ -200,6 +238,10 @@ impl Camera {
     pub fn open(path: &Path, wish: &Wish) -> Result<Self, CameraError> {
         let device = open_device(path)?;
         let (device, name) = check_capture(device, path)?;
+        // Asked again when the camera runs; what cannot be had is refused before anything else happens.
+        if let Err(reason) = Controls::read(&device).by_hand(&wish.controls) {
+            return Err(CameraError::Control { path: name, reason });
+        }
         let choice = negotiate(&device, &name, wish)?;
         let call_failed = |failed| call_error(&name, path, failed);
         let given = device
@@ -255,7 +297,10 @@ impl Camera {
                 format: choice.format,
                 rate_hz,
                 live: true,
+                controls: None,
             },
+            control_wish: wish.controls,
+            written: Written::default(),
             full_range: match given.quantization {
                 QUANTIZATION_DEFAULT => given.colorspace == COLORSPACE_JPEG,
                 stated => stated == QUANTIZATION_FULL_RANGE,
@@ -268,19 +313,24 @@ impl Camera {
         })
     }
 
-    /// Starts capturing. Whoever starts takes the frames at once: what a camera delivers while nobody does is old or lost.
+    /// Starts capturing and locks the controls; if automatics are on, they get a second of frames before, which is thrown
+    /// away. Returns early when `stop` is set. Whoever starts takes the frames at once: what a camera delivers while nobody
+    /// does is old or lost.
     ///
     /// # Errors
     ///
-    /// [`CameraError::Busy`] or [`CameraError::Call`] when the camera cannot start.
-    pub fn start(&mut self) -> Result<(), CameraError> {
+    /// [`CameraError::Busy`] or [`CameraError::Call`] when the camera cannot start, [`CameraError::Control`] when it refuses a
+    /// value that was given by hand, and those of [`Camera::next`].
+    pub fn start(&mut self, stop: &AtomicBool) -> Result<(), CameraError> {
         self.last_frame_ns = v4l2::monotonic_ns();
         self.stream
             .start()
-            .map_err(|failed| call_error(&self.info.name, &self.path, failed))
+            .map_err(|failed| call_error(&self.info.name, &self.path, failed))?;
+        self.lock(stop)
     }
 
-    /// What was agreed on. The rate is the one that the camera states, whatever was wished.
+    /// What was agreed on. The rate is the one that the camera states, whatever was wished. What became of the controls is
+    /// known once the camera is started.
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         self.info.clone()
@@ -368,6 +418,12 @@ impl Camera {
             n_frames: self.n_frames,
             source,
         }
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        self.written.undo(self.stream.device());
     }
 }
 

@@ -186,6 +186,7 @@ impl Demo {
             format: PixelFormat::Rgb,
             rate_hz: Some(RATE_HZ),
             live: false,
+            controls: None,
         }
     }
 

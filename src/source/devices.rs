@@ -1,17 +1,18 @@
-//! `overcam devices`: the cameras of this machine, and what each offers.
+//! `overcam devices`: the cameras of this machine, what each offers, and which controls it has that are locked.
 
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use crate::source::camera::{not_capturing, open_device};
+use crate::source::controls::Controls;
 use crate::source::negotiation::{readable, text};
 use crate::source::v4l2::{Device, FourCc, Sizes};
 
 /// Where the kernel puts its nodes.
 const FOLDER: &str = "/dev";
 
-/// Prints each camera with its formats, sizes and rates. Nodes that are no cameras or cannot be opened are listed with the
+/// Prints each camera with its formats, sizes, rates and controls. Nodes that are no cameras or cannot be opened are listed with the
 /// reason.
 ///
 /// # Errors
@@ -87,6 +88,16 @@ fn describe_node(path: &Path, out: &mut impl Write) -> io::Result<bool> {
     if !others.is_empty() {
         let others: Vec<String> = others.into_iter().map(text).collect();
         writeln!(out, "  not read by overcam: {}", others.join(" "))?;
+    }
+    let controls = Controls::read(&device).describe();
+    if controls.is_empty() {
+        writeln!(
+            out,
+            "  no control of exposure, gain, white balance or focus"
+        )?;
+    }
+    for control in controls {
+        writeln!(out, "  {control}")?;
     }
     Ok(true)
 }

@@ -288,7 +288,7 @@ mod tests {
         let wish = |format, size| Wish {
             format,
             size,
-            rate_hz: None,
+            ..Wish::default()
         };
         let grey = Some(PixelFormat::Grey);
         assert_eq!(
@@ -309,7 +309,7 @@ mod tests {
             let wish = Wish {
                 format,
                 size,
-                rate_hz: None,
+                ..Wish::default()
             };
             assert_eq!(choose(offers, &wish, webcam_hz), None);
             refusal(offers, "cam", &wish).to_string()

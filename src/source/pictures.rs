@@ -140,6 +140,7 @@ impl Pictures {
                 format: frame.format,
                 rate_hz: Some(rate_hz),
                 live: false,
+                controls: None,
             },
             rate_hz,
             files,

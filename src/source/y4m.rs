@@ -214,6 +214,7 @@ impl<R: BufRead> Y4m<R> {
             format: self.header.format,
             rate_hz: Some(f64::from(numerator) / f64::from(denominator)),
             live: false,
+            controls: None,
         }
     }
 

@@ -201,6 +201,32 @@ fn wrong_arguments_have_a_status_of_their_own() {
 }
 
 #[test]
+fn arguments_that_do_not_apply_to_the_source_are_refused() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    fs::create_dir(path("pictures")).expect("the folder can be made");
+    write(&path("run.y4m"), y4m(1));
+    write(&path("run.mcap"), "");
+    for (device, flag, value, kind) in [
+        ("demo", "--rate", "10", "the demo"),
+        ("demo", "--format", "grey", "the demo"),
+        ("demo", "--gain", "-3", "the demo"),
+        ("-", "--size", "320x240", "Y4M on standard input"),
+        ("run.y4m", "--rate", "10", "a Y4M file"),
+        ("run.mcap", "--white-balance", "4600", "a recording"),
+        ("pictures", "--focus", "3", "a folder of pictures"),
+        ("pictures", "--exposure", "10000", "a folder of pictures"),
+    ] {
+        let ended = run(folder.path(), &["--device", device, flag, value]);
+        assert_eq!(ended.status, Some(2), "{device} {flag}: {:?}", ended.errors);
+        let line = format!("overcam: {device}: {flag} does not apply to {kind}: leave it out");
+        assert_eq!(ended.errors, [line]);
+    }
+    let ended = run(folder.path(), &["--device", "run.y4m", "--camera-auto"]);
+    assert_eq!(ended.status, Some(2), "{:?}", ended.errors);
+}
+
+#[test]
 fn services_that_cannot_be_named_are_refused() {
     let folder = folder();
     for (service, reason) in [("two words", "contains ' '"), ("", "is empty")] {

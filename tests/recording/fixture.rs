@@ -31,6 +31,7 @@ pub(crate) fn info(format: PixelFormat, size: Size, live: bool) -> SourceInfo {
         format,
         rate_hz: Some(30.0),
         live,
+        controls: Some("locked exposure 15600 us".to_owned()),
     }
 }
 
