@@ -142,7 +142,7 @@ fn a_reader_that_is_not_ours_decodes_every_message() {
 }
 
 const READ_BY_OTHERS: &str = "\
-metadata overcam floor_from_image height images live rate_hz settings source source_format stored_format version \
+metadata overcam controls floor_from_image height images live rate_hz settings source source_format stored_format version \
 wall_offset_ns width
 attachment markers/drop.svg image/svg+xml
 attachment markers/arrow.svg image/svg+xml
