@@ -53,12 +53,14 @@ class Scene(ctypes.Structure):
         ("n_objects", u32),
         ("n_overflow", u32),
         ("clock", u32),
+        ("light", u32),
+        ("gain", ctypes.c_float * 3),
         ("objects", Object * 64),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "overcam.Scene.v1"
+        return "overcam.Scene.v2"
 
 
 def print_robots(scene):

@@ -46,6 +46,14 @@ impl Serialize for SceneJson<'_> {
         map.serialize_entry("sequence", &scene.sequence)?;
         map.serialize_entry("stamp_ns", &scene.stamp_ns)?;
         map.serialize_entry("frame", frame)?;
+        let light = match scene.light {
+            LIGHT_DARK => "dark",
+            LIGHT_CHANGED => "changed",
+            _ => "steady",
+        };
+        map.serialize_entry("light", light)?;
+        let gain = scene.gain.map(|gain| rounded(f64::from(gain), 1e3));
+        map.serialize_entry("gain", &gain)?;
         if scene.n_overflow > 0 {
             map.serialize_entry("overflow", &scene.n_overflow)?;
         }
@@ -242,7 +250,7 @@ mod tests {
     #[test]
     fn a_scene_in_pixels() {
         let expected = concat!(
-            r#"{"sequence":17,"stamp_ns":1133333333,"frame":"image","objects":["#,
+            r#"{"sequence":17,"stamp_ns":1133333333,"frame":"image","light":"steady","gain":[1.0,1.0,1.0],"objects":["#,
             r#"{"track":3,"kind":"marker","marker":"arrow","x":101.52,"y":88.07,"heading":1.570796,"size":24.1,"#,
             r#""vx":0.0,"vy":-31.2,"observed":true,"#,
             r#""covariance":[[0.0123457,0.0,0.0],[0.0,1234.57,0.5],[0.0,0.5,3.14159e-7]],"#,
@@ -269,12 +277,12 @@ mod tests {
         let mut empty = Scene::EMPTY;
         assert_eq!(
             line(&empty),
-            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"objects\":[]}\n"
+            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"light\":\"steady\",\"gain\":[1.0,1.0,1.0],\"objects\":[]}\n"
         );
         empty.n_overflow = 3;
         assert_eq!(
             line(&empty),
-            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"overflow\":3,\"objects\":[]}\n"
+            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"light\":\"steady\",\"gain\":[1.0,1.0,1.0],\"overflow\":3,\"objects\":[]}\n"
         );
     }
 

@@ -13,7 +13,7 @@ use crate::floor::Floor;
 use crate::floor::learner::Learner;
 use crate::frame::{DecodeError, Picture, decode};
 use crate::marker::Family;
-use crate::segmentation::Segmenter;
+use crate::segmentation::{Light, Segmenter};
 use crate::settings::Settings;
 use crate::slot::Slot;
 
@@ -132,7 +132,7 @@ impl Pipeline {
             return Ok(Outcome::Learning);
         };
 
-        let (mask, _light, _gains) =
+        let (mask, light, gains) =
             segmenter.segment(&self.picture, &self.settings.segmentation());
         let (detections, overflow) = self.detector.detect(
             mask,
@@ -164,6 +164,12 @@ impl Pipeline {
             scene::FRAME_IMAGE
         };
         scene.n_overflow = overflow + update.overflow as u32;
+        scene.light = match light {
+            Light::Steady => scene::LIGHT_STEADY,
+            Light::Changed { .. } => scene::LIGHT_CHANGED,
+            Light::Dark => scene::LIGHT_DARK,
+        };
+        scene.gain = [gains.red, gains.green, gains.blue];
         scene.n_objects = 0;
         for (object, track) in scene.objects.iter_mut().zip(self.tracker.tracks()) {
             let detection = track.observed().map(|i| &detections[self.seen[i]]);

@@ -50,6 +50,13 @@ pub const CLOCK_SOURCE: u32 = 0;
 /// [`Scene::clock`]: stamps are `CLOCK_MONOTONIC` of this machine.
 pub const CLOCK_MONOTONIC: u32 = 1;
 
+/// [`Scene::light`]: the light is as it was.
+pub const LIGHT_STEADY: u32 = 0;
+/// [`Scene::light`]: the light has just changed; things that were not there before are withheld for a moment.
+pub const LIGHT_CHANGED: u32 = 1;
+/// [`Scene::light`]: too dark to see anything.
+pub const LIGHT_DARK: u32 = 2;
+
 /// [`Object::kind`]: something without a recognised marker.
 pub const KIND_OBSTACLE: u32 = 0;
 /// [`Object::kind`]: a robot or target with a recognised marker.
@@ -63,7 +70,7 @@ pub const HAS_HEADING: u32 = 2;
 /// Everything known about the floor at the moment one frame was exposed.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("overcam.Scene.v1")]
+#[type_name("overcam.Scene.v2")]
 pub struct Scene {
     /// Number of the frame in its source, from 0; frames that were dropped, passed over or used for learning count too.
     pub sequence: u64,
@@ -79,6 +86,10 @@ pub struct Scene {
     pub n_overflow: u32,
     /// Clock of `stamp_ns`: [`CLOCK_MONOTONIC`] for a camera, [`CLOCK_SOURCE`] for everything else.
     pub clock: u32,
+    /// [`LIGHT_STEADY`], [`LIGHT_CHANGED`] or [`LIGHT_DARK`].
+    pub light: u32,
+    /// How many times as bright as in the picture of the empty floor red, green and blue are: lamps, exposure, white balance.
+    pub gain: [f32; 3],
     /// The objects, in the order of their track numbers.
     pub objects: [Object; MAX_OBJECTS],
 }
@@ -145,6 +156,8 @@ impl Scene {
         n_objects: 0,
         n_overflow: 0,
         clock: CLOCK_SOURCE,
+        light: LIGHT_STEADY,
+        gain: [1.0; 3],
         objects: [Object::EMPTY; MAX_OBJECTS],
     };
 
@@ -241,7 +254,7 @@ const _: () = {
         core::mem::size_of::<Object>()
             == 8 * 16 + NAME_BYTES + 16 + 16 * MAX_OUTLINE + 56 * MAX_FORECAST
     );
-    assert!(core::mem::size_of::<Scene>() == 40 + MAX_OBJECTS * core::mem::size_of::<Object>());
+    assert!(core::mem::size_of::<Scene>() == 56 + MAX_OBJECTS * core::mem::size_of::<Object>());
 };
 
 #[cfg(test)]
