@@ -12,14 +12,13 @@ use fourier::fft::{fft, inverse_fft};
 use fourier::matching::compare;
 use fourier::{Complex32, N};
 use imgproc::background::median_of_frames;
+use imgproc::classes::{ClassSettings, Difference, STRONG, WindowsMut, classes};
 use imgproc::contour::{Span, follow_contour, next_shape, remove_shape, span_capacity};
 use imgproc::difference::{
-    Colour, DifferenceSettings, HueSaturationLightness, HueSaturationLightnessMut, difference,
-    hue_saturation_lightness,
+    Colour, DifferenceMut, Gains, NoiseSettings, Reference, ReferenceMut, difference, prepare,
 };
 use imgproc::median::median_3x3;
 use imgproc::morphology::{close_3x3, open_3x3};
-use imgproc::threshold::window_threshold;
 use imgproc::{Point, Size};
 use overcam::frame::{Picture, decode};
 use overcam::slot::Slot;
@@ -42,67 +41,167 @@ struct Steps {
     slot: Slot,
     picture: Picture,
     denoised: Picture,
-    towards_red: Vec<i16>,
-    towards_green: Vec<i16>,
-    lightness: Vec<u8>,
-    differences: Vec<u8>,
-    threshold: Vec<u8>,
+    floor: FloorPlanes,
+    difference: DifferencePlanes,
+    class: Vec<u8>,
+    object: Vec<u8>,
     mask: Vec<u8>,
 }
 
-const DIFFERENCE: DifferenceSettings = DifferenceSettings {
-    shadow: 0.4,
-    glare: 0.1,
-    noise: 6,
+/// The floor as frames are compared with it.
+struct FloorPlanes {
+    level: Vec<u16>,
+    red_share: Vec<u16>,
+    blue_share: Vec<u16>,
+    light_scale: Vec<i16>,
+    colour_scale: Vec<i16>,
+}
+
+/// What a frame differs by.
+#[derive(Clone)]
+struct DifferencePlanes {
+    light: Vec<i16>,
+    red: Vec<i16>,
+    blue: Vec<i16>,
+    level: Vec<u16>,
+}
+
+const NOISE: NoiseSettings = NoiseSettings {
+    least: 1.5,
+    light: 0.01,
+    colour: 0.015,
+    displacement_px: 0.5,
 };
-const THRESHOLD: u16 = 220;
+const CLASSES: ClassSettings = ClassSettings {
+    weak: 2.5,
+    strong: 5.0,
+    shadow_least: 0.4,
+    shadow_tint: 0.1,
+};
+
+impl FloorPlanes {
+    fn new(floor: &Picture) -> Self {
+        let mut planes = Self {
+            level: vec![0; SIZE.area()],
+            red_share: vec![0; SIZE.area()],
+            blue_share: vec![0; SIZE.area()],
+            light_scale: vec![0; SIZE.area()],
+            colour_scale: vec![0; SIZE.area()],
+        };
+        let fine =
+            |plane: &[u8]| -> Vec<u16> { plane.iter().map(|&p| u16::from(p) << 8).collect() };
+        let (red, green, blue) = (fine(&floor.red), fine(&floor.green), fine(&floor.blue));
+        prepare(
+            Colour {
+                red: &red,
+                green: &green,
+                blue: &blue,
+            },
+            &vec![8; SIZE.area()],
+            SIZE,
+            0..SIZE.height,
+            &mut ReferenceMut {
+                level: &mut planes.level,
+                red_share: &mut planes.red_share,
+                blue_share: &mut planes.blue_share,
+                light_scale: &mut planes.light_scale,
+                colour_scale: &mut planes.colour_scale,
+            },
+            &NOISE,
+        );
+        planes
+    }
+
+    fn reference(&self) -> Reference<'_> {
+        Reference {
+            level: &self.level,
+            red_share: &self.red_share,
+            blue_share: &self.blue_share,
+            light_scale: &self.light_scale,
+            colour_scale: &self.colour_scale,
+        }
+    }
+}
+
+impl DifferencePlanes {
+    fn new() -> Self {
+        Self {
+            light: vec![0; SIZE.area()],
+            red: vec![0; SIZE.area()],
+            blue: vec![0; SIZE.area()],
+            level: vec![0; SIZE.area()],
+        }
+    }
+
+    fn compare(&mut self, picture: &Picture, floor: &FloorPlanes) {
+        let out = DifferenceMut {
+            light: &mut self.light,
+            red: &mut self.red,
+            blue: &mut self.blue,
+            level: &mut self.level,
+        };
+        difference(colour(picture), Gains::NONE, floor.reference(), SIZE, out);
+    }
+
+    fn classify(
+        &self,
+        floor: &FloorPlanes,
+        class: &mut [u8],
+        own: &mut [u8],
+        windows: &mut DifferencePlanes,
+    ) {
+        let difference = Difference {
+            light: &self.light,
+            red: &self.red,
+            blue: &self.blue,
+            level: &self.level,
+        };
+        let windows = WindowsMut {
+            light: &mut windows.light,
+            red: &mut windows.red,
+            blue: &mut windows.blue,
+        };
+        classes(
+            difference,
+            &floor.level,
+            SIZE,
+            class,
+            own,
+            windows,
+            &CLASSES,
+        );
+    }
+}
 
 impl Steps {
     fn new() -> Self {
         let plane = || vec![0; SIZE.area()];
+        let mut floor = Floor::new(SIZE, 1);
         let mut steps = Self {
             slot: Slot::empty(),
             picture: Picture::new(SIZE),
             denoised: Picture::new(SIZE),
-            towards_red: vec![0; SIZE.area()],
-            towards_green: vec![0; SIZE.area()],
-            lightness: plane(),
-            differences: plane(),
-            threshold: plane(),
+            floor: FloorPlanes::new(&floor.background().picture),
+            difference: DifferencePlanes::new(),
+            class: plane(),
+            object: plane(),
             mask: plane(),
         };
-        let mut floor = Floor::new(SIZE, 1);
         floor.render(0, &mut steps.slot.frame);
         decode(&steps.slot.frame, &mut steps.picture).expect("a whole frame");
         denoise(&steps.picture, &mut steps.denoised);
-        let planes = HueSaturationLightnessMut {
-            towards_red: &mut steps.towards_red,
-            towards_green: &mut steps.towards_green,
-            lightness: &mut steps.lightness,
-        };
-        hue_saturation_lightness(colour(&floor.background().picture), SIZE, planes);
-        let mut differences = plane();
-        difference(
-            colour(&steps.denoised),
-            steps.floor(),
-            SIZE,
-            &mut differences,
-            &DIFFERENCE,
-        );
-        steps.differences = differences;
-        window_threshold(&steps.differences, SIZE, &mut steps.threshold, THRESHOLD);
-        steps.mask.copy_from_slice(&steps.threshold);
+        steps.difference.compare(&steps.denoised, &steps.floor);
+        let mut windows = DifferencePlanes::new();
+        steps
+            .difference
+            .classify(&steps.floor, &mut steps.class, &mut plane(), &mut windows);
+        for (object, class) in steps.object.iter_mut().zip(&steps.class) {
+            *object = u8::from(class & STRONG != 0);
+        }
+        steps.mask.copy_from_slice(&steps.object);
         open_3x3(&mut steps.mask, SIZE, &mut plane());
         close_3x3(&mut steps.mask, SIZE, &mut plane());
         steps
-    }
-
-    fn floor(&self) -> HueSaturationLightness<'_> {
-        HueSaturationLightness {
-            towards_red: &self.towards_red,
-            towards_green: &self.towards_green,
-            lightness: &self.lightness,
-        }
     }
 }
 
@@ -128,23 +227,20 @@ fn pixels(criterion: &mut Criterion) {
     criterion.bench_function(&name("median-of-three-planes"), |b| {
         b.iter(|| denoise(&steps.picture, &mut picture))
     });
+    let mut planes = DifferencePlanes::new();
     criterion.bench_function(&name("difference"), |b| {
-        b.iter(|| {
-            difference(
-                colour(&steps.denoised),
-                steps.floor(),
-                SIZE,
-                &mut plane,
-                &DIFFERENCE,
-            )
-        });
+        b.iter(|| planes.compare(&steps.denoised, &steps.floor));
     });
-    criterion.bench_function(&name("threshold"), |b| {
-        b.iter(|| window_threshold(&steps.differences, SIZE, &mut plane, THRESHOLD));
+    criterion.bench_function(&name("classes"), |b| {
+        b.iter(|| {
+            steps
+                .difference
+                .classify(&steps.floor, &mut plane, &mut scratch, &mut planes);
+        });
     });
     criterion.bench_function(&name("opening-and-closing"), |b| {
         b.iter(|| {
-            plane.copy_from_slice(&steps.threshold);
+            plane.copy_from_slice(&steps.object);
             open_3x3(&mut plane, SIZE, &mut scratch);
             close_3x3(&mut plane, SIZE, &mut scratch);
         });

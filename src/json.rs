@@ -14,7 +14,7 @@
 
 use std::io;
 
-use scene::{FRAME_FLOOR, ForecastPoint, KIND_MARKER, Object, Scene};
+use scene::{FRAME_FLOOR, ForecastPoint, KIND_MARKER, LIGHT_CHANGED, LIGHT_DARK, Object, Scene};
 use serde::Serialize;
 use serde::ser::{SerializeMap, SerializeSeq, Serializer};
 

@@ -132,8 +132,7 @@ impl Pipeline {
             return Ok(Outcome::Learning);
         };
 
-        let (mask, light, gains) =
-            segmenter.segment(&self.picture, &self.settings.segmentation());
+        let (mask, light, gains) = segmenter.segment(&self.picture, &self.settings.segmentation());
         let (detections, overflow) = self.detector.detect(
             mask,
             &self.picture,

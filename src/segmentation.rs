@@ -22,8 +22,8 @@ use imgproc::{Bounds, Point, Size};
 use crate::floor::{Floor, denoise};
 use crate::frame::Picture;
 use crate::marker::cutout::contour_capacity;
-pub(crate) use lighting::Light;
 use ghosts::{Ghosts, looks_left};
+pub(crate) use lighting::Light;
 use lighting::Lighting;
 use upkeep::Upkeep;
 
@@ -38,7 +38,7 @@ const FLOOR_SHOWS: f32 = 0.3;
 const FLOOR_HIDDEN: f32 = 0.12;
 
 /// Least signal from which a visibility tells anything.
-const SIGNAL_LEAST: f32 = 5.0;
+const SIGNAL_LEAST: f32 = 7.0;
 
 /// Least signal that makes a shadow an object. Compression takes texture away too.
 const SIGNAL_SURE: f32 = 12.0;
@@ -238,9 +238,7 @@ impl Segmenter {
     /// is an object.
     fn judge_texture(&mut self, settings: &SegmentationSettings) {
         let Size { width, height } = self.size;
-        let open = |class: u8| {
-            matches!(class & !STRONG, BRIGHT | BLACK | SHADE)
-        };
+        let open = |class: u8| matches!(class & !STRONG, BRIGHT | BLACK | SHADE);
         let candidates = self.class.iter().filter(|&&class| open(class)).count();
         if candidates == 0 {
             return;
@@ -263,7 +261,10 @@ impl Segmenter {
                 if !any {
                     continue;
                 }
-                let middle = ((x + side / 2).min(width - 1), (y + side / 2).min(height - 1));
+                let middle = (
+                    (x + side / 2).min(width - 1),
+                    (y + side / 2).min(height - 1),
+                );
                 // Sum of three channels in sixteenths of a level.
                 let noise = f32::from(self.upkeep.noise()[middle.1 * width + middle.0]).max(4.0)
                     / 8.0
@@ -280,12 +281,15 @@ impl Segmenter {
                 for y in rows {
                     for i in y * width + columns.start..y * width + columns.end {
                         let class = &mut self.class[i];
-                        let shows = |visible: Option<Visibility>| {
-                            visible.is_some_and(|visible| visible.share > FLOOR_SHOWS)
+                        // By one and a half standard deviations at least; what is brighter may be white and bear texture of its own.
+                        let shows = |visible: Option<Visibility>, signal_least: f32| {
+                            visible.is_some_and(|Visibility { share, signal }| {
+                                signal >= signal_least && share > FLOOR_SHOWS + 1.5 / signal
+                            })
                         };
                         match *class & !STRONG {
-                            BRIGHT if shows(brighter) => *class = SHADE,
-                            BLACK if shows(darker) => *class = SHADE,
+                            BRIGHT if shows(brighter, 2.0 * SIGNAL_SURE) => *class = SHADE,
+                            BLACK if shows(darker, SIGNAL_LEAST) => *class = SHADE,
                             SHADE
                                 if darker.is_some_and(|visible| {
                                     visible.share < FLOOR_HIDDEN && visible.signal >= SIGNAL_SURE
@@ -396,9 +400,7 @@ impl Segmenter {
 
     /// Notes where the frame does not show the floor as it is.
     fn cover(&mut self) {
-        for ((covered, &class), &mask) in
-            self.covered.iter_mut().zip(&self.class).zip(&self.mask)
-        {
+        for ((covered, &class), &mask) in self.covered.iter_mut().zip(&self.class).zip(&self.mask) {
             *covered = u8::from(class != FLOOR || mask != 0);
         }
         // Single pixels are noise, and must not keep the floor from following.
@@ -445,4 +447,3 @@ fn colour(picture: &Picture) -> Colour<'_> {
         blue: &picture.blue,
     }
 }
-

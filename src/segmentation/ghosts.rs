@@ -92,15 +92,11 @@ pub(super) fn looks_left(
             continue;
         }
         // Clockwise on the screen, hence outwards to the left.
-        let outwards = [
-            along[1] / length * REACH_PX,
-            -along[0] / length * REACH_PX,
-        ];
+        let outwards = [along[1] / length * REACH_PX, -along[0] / length * REACH_PX];
         let at = |sign: f32| {
             let x = (f32::from(contour[i].x) + sign * outwards[0]).round();
             let y = (f32::from(contour[i].y) + sign * outwards[1]).round();
-            let inside =
-                x >= 0.0 && y >= 0.0 && x < size.width as f32 && y < size.height as f32;
+            let inside = x >= 0.0 && y >= 0.0 && x < size.width as f32 && y < size.height as f32;
             inside.then(|| y as usize * size.width + x as usize)
         };
         let (Some(outside), Some(inside)) = (at(1.0), at(-1.0)) else {

@@ -152,8 +152,7 @@ impl Upkeep {
                 for y in first..end {
                     for i in y * width + columns.start..y * width + columns.end {
                         if covered[i] != 0 {
-                            let scaled =
-                                (u64::from(channel[i]) * after + before / 2) / before;
+                            let scaled = (u64::from(channel[i]) * after + before / 2) / before;
                             channel[i] = scaled.min(65280) as u16;
                         }
                     }
@@ -187,8 +186,8 @@ impl Upkeep {
                             }
                         }
                     }
-                    *ratio = (n * 2 >= all && floor > 0)
-                        .then(|| (seen / floor as f32).clamp(0.25, 4.0));
+                    *ratio =
+                        (n * 2 >= all && floor > 0).then(|| (seen / floor as f32).clamp(0.25, 4.0));
                 }
             }
             let smooth = smoothed(&ratios, columns, rows);
@@ -228,7 +227,10 @@ impl Upkeep {
             }
         }
         let first = usize::from(bounds.top).saturating_sub(1);
-        self.prepare(first, (usize::from(bounds.bottom) + 2).min(self.size.height));
+        self.prepare(
+            first,
+            (usize::from(bounds.bottom) + 2).min(self.size.height),
+        );
     }
 
     fn prepare(&mut self, first: usize, end: usize) {
@@ -264,7 +266,10 @@ fn smoothed(
             let mut known = [0.0f32; 9];
             let mut n = 0;
             for row in &ratios[y.saturating_sub(1)..(y + 2).min(rows)] {
-                for ratio in row[x.saturating_sub(1)..(x + 2).min(columns)].iter().flatten() {
+                for ratio in row[x.saturating_sub(1)..(x + 2).min(columns)]
+                    .iter()
+                    .flatten()
+                {
                     known[n] = *ratio;
                     n += 1;
                 }

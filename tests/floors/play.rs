@@ -40,7 +40,7 @@ impl Play {
         let mut picture = Picture::new(empty.size);
         Camera::ideal().expose(empty, &Light::EVEN, &mut play.slot.frame);
         decode(&play.slot.frame, &mut picture).expect("a drawn frame decodes");
-        play.slot.background = Some(picture);
+        play.slot.background = Some(overcam::floor::Floor::from_picture(&picture));
         play
     }
 

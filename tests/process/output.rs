@@ -24,7 +24,7 @@ fn the_demo_prints_a_line_a_frame_and_says_where_to_subscribe() {
     assert_eq!(ended.status, Some(0));
     assert!(ended.said(&format!("overcam watch --service {service}")));
     let first = &ended.lines[0];
-    let start = r#"{"sequence":0,"stamp_ns":0,"frame":"image","objects":[{"track":"#;
+    let start = r#"{"sequence":0,"stamp_ns":0,"frame":"image","light":"steady","gain":["#;
     assert!(first.starts_with(start), "{first}");
 
     assert_eq!(ended.lines.len(), 6);

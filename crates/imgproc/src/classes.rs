@@ -161,3 +161,85 @@ fn window_sum(plane: &[i16], size: Size, out: &mut [i16]) {
     let sum = |a: i16, b: i16, c: i16| a + b + c;
     map_3x3(plane, size, out, sum, sum);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec;
+
+    const SIZE: Size = Size {
+        width: 9,
+        height: 9,
+    };
+    const SETTINGS: ClassSettings = ClassSettings {
+        weak: 2.0,
+        strong: 4.0,
+        shadow_least: 0.4,
+        shadow_tint: 0.1,
+    };
+
+    /// The class in the middle of a 5x5 square that differs by (light, red, blue) from a floor of level 6000, and of the pixel
+    /// next to the square.
+    fn class_of([light, red, blue]: [i16; 3], level: u16) -> (u8, u8) {
+        let square = |value: i16, outside: i16| {
+            let mut plane = vec![outside; SIZE.area()];
+            for y in 2..7 {
+                plane[y * SIZE.width + 2..y * SIZE.width + 7].fill(value);
+            }
+            plane
+        };
+        let levels = square(level as i16, 6000);
+        let (light, red, blue) = (square(light, 0), square(red, 0), square(blue, 0));
+        let levels: std::vec::Vec<u16> = levels.into_iter().map(|l| l as u16).collect();
+        let (mut out, mut own) = (vec![9; SIZE.area()], vec![9; SIZE.area()]);
+        let scratch = || vec![99; SIZE.area()];
+        classes(
+            Difference {
+                light: &light,
+                red: &red,
+                blue: &blue,
+                level: &levels,
+            },
+            &vec![6000; SIZE.area()],
+            SIZE,
+            &mut out,
+            &mut own,
+            WindowsMut {
+                light: &mut scratch(),
+                red: &mut scratch(),
+                blue: &mut scratch(),
+            },
+            &SETTINGS,
+        );
+        (out[4 * SIZE.width + 4], out[4 * SIZE.width + 1])
+    }
+
+    #[test]
+    fn the_table_of_classes() {
+        let noise = PARTS;
+        assert_eq!(class_of([0, 0, 0], 6000), (FLOOR, FLOOR));
+        assert_eq!(class_of([3 * noise, 0, 0], 6600), (BRIGHT, FLOOR));
+        assert_eq!(class_of([5 * noise, 0, 0], 6900), (BRIGHT + STRONG, FLOOR));
+        assert_eq!(class_of([-30 * noise, 0, 0], 3600).0, SHADE);
+        assert_eq!(class_of([-60 * noise, 0, 0], 900), (BLACK + STRONG, SHADE));
+        assert_eq!(
+            class_of([0, 5 * noise, 0], 6000),
+            (COLOURED + STRONG, FLOOR)
+        );
+        assert_eq!(class_of([0, 0, -3 * noise], 6000), (COLOURED, FLOOR));
+        // Green is minus red and blue together.
+        assert_eq!(
+            class_of([0, 3 * noise, 3 * noise], 6000).0,
+            COLOURED + STRONG
+        );
+    }
+
+    #[test]
+    fn a_shadow_may_be_tinted_by_its_depth() {
+        assert_eq!(class_of([-30 * PARTS, 0, 3 * PARTS], 3600).0, SHADE);
+        assert_eq!(
+            class_of([-30 * PARTS, 0, 8 * PARTS], 3600).0,
+            COLOURED + STRONG
+        );
+    }
+}

@@ -298,3 +298,130 @@ impl<T> Colour<'_, T> {
         assert_len("blue", self.blue.len(), size);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const ONE: Size = Size {
+        width: 1,
+        height: 1,
+    };
+    const NOISE: NoiseSettings = NoiseSettings {
+        least: 2.0,
+        light: 0.0,
+        colour: 0.0,
+        displacement_px: 0.0,
+    };
+
+    /// Light, red and blue between two pictures of one colour each, in PARTS of a noise of two levels.
+    fn between(picture: [u8; 3], floor: [u8; 3], gains: Gains) -> [i16; 3] {
+        let floor = floor.map(|level| [u16::from(level) << 8]);
+        let (mut level, mut red_share, mut blue_share) = ([0], [0], [0]);
+        let (mut light_scale, mut colour_scale) = ([0], [0]);
+        prepare(
+            Colour {
+                red: &floor[0],
+                green: &floor[1],
+                blue: &floor[2],
+            },
+            &[0],
+            ONE,
+            0..1,
+            &mut ReferenceMut {
+                level: &mut level,
+                red_share: &mut red_share,
+                blue_share: &mut blue_share,
+                light_scale: &mut light_scale,
+                colour_scale: &mut colour_scale,
+            },
+            &NOISE,
+        );
+        let picture = picture.map(|level| [level]);
+        let (mut light, mut red, mut blue, mut sum) = ([0], [0], [0], [0]);
+        difference(
+            Colour {
+                red: &picture[0],
+                green: &picture[1],
+                blue: &picture[2],
+            },
+            gains,
+            Reference {
+                level: &level,
+                red_share: &red_share,
+                blue_share: &blue_share,
+                light_scale: &light_scale,
+                colour_scale: &colour_scale,
+            },
+            ONE,
+            DifferenceMut {
+                light: &mut light,
+                red: &mut red,
+                blue: &mut blue,
+                level: &mut sum,
+            },
+        );
+        [light[0], red[0], blue[0]]
+    }
+
+    #[test]
+    fn a_shadow_changes_lightness_and_no_colour() {
+        let [light, red, blue] = between([60, 80, 40], [120, 160, 80], Gains::NONE);
+        // 60 levels of lightness are 30 times the noise.
+        assert!((light + 30 * PARTS).abs() <= 1, "{light}");
+        assert!(red.abs() <= 1 && blue.abs() <= 1, "{red} {blue}");
+    }
+
+    #[test]
+    fn grey_on_grey_is_a_difference_of_lightness() {
+        let [light, red, blue] = between([132; 3], [120; 3], Gains::NONE);
+        assert!((light - 6 * PARTS).abs() <= 1, "{light}");
+        assert!(red.abs() <= 1 && blue.abs() <= 1, "{red} {blue}");
+    }
+
+    #[test]
+    fn another_light_is_divided_out() {
+        let gains = Gains {
+            red: 0.5,
+            green: 0.75,
+            blue: 1.25,
+        };
+        for difference in between([60, 120, 100], [120, 160, 80], gains) {
+            assert!(difference.abs() <= 2, "{difference}");
+        }
+    }
+
+    #[test]
+    fn what_the_camera_cut_off_is_not_darker_than_the_floor() {
+        let gains = Gains {
+            red: 1.5,
+            green: 1.5,
+            blue: 1.5,
+        };
+        let [light, ..] = between([255; 3], [220; 3], gains);
+        assert!(light.abs() <= 1, "{light}");
+    }
+
+    proptest! {
+        #[test]
+        fn differences_are_the_formula(picture: [u8; 3], floor in any::<[u8; 3]>()) {
+            prop_assume!(picture.iter().all(|&level| level < SATURATED));
+            let [r, g, b] = picture.map(f64::from);
+            let [r0, g0, b0] = floor.map(f64::from);
+            let (sum, floor_sum) = (r + g + b, r0 + g0 + b0);
+            prop_assume!(floor_sum >= 30.0);
+            let unit = f64::from(PARTS) / 2.0;
+            let expected = [
+                (sum - floor_sum) / 3.0 * unit,
+                (r - sum * r0 / floor_sum) * unit,
+                (b - sum * b0 / floor_sum) * unit,
+            ];
+            let found = between(picture, floor, Gains::NONE);
+            for (found, expected) in found.into_iter().zip(expected) {
+                // Sixteenths of a level and 65536ths are rounded down, four times.
+                prop_assert!((f64::from(found) - expected).abs() < 2.5, "{found} {expected}");
+            }
+        }
+    }
+}

@@ -72,7 +72,11 @@ mod tests {
                 .iter()
                 .enumerate()
                 .map(|(i, &f)| {
-                    let seen = if i % 3 == 0 { 240.0 } else { f32::from(f) / 256.0 * gain };
+                    let seen = if i % 3 == 0 {
+                        240.0
+                    } else {
+                        f32::from(f) / 256.0 * gain
+                    };
                     seen.round() as u8
                 })
                 .collect();

@@ -116,7 +116,9 @@ mod tests {
     #[test]
     fn a_shadow_shows_the_floor_and_an_object_does_not() {
         let floor = carpet(1);
-        let at = |level: &[u16], x| visibility(level, &floor, SIZE, (x, 14), 16.0, 8.0, |_| true).map(|seen| seen.share);
+        let at = |level: &[u16], x| {
+            visibility(level, &floor, SIZE, (x, 14), 16.0, 8.0, |_| true).map(|seen| seen.share)
+        };
         let shadow: Vec<u16> = floor.iter().map(|&l| l * 2 / 10).collect();
         let seen = at(&shadow, 20).expect("the carpet has a texture");
         assert!((seen - 1.0).abs() < 0.05, "{seen}");
@@ -145,6 +147,9 @@ mod tests {
     #[test]
     fn a_plain_floor_tells_nothing() {
         let plain = std::vec![5000; SIZE.area()];
-        assert_eq!(visibility(&carpet(1), &plain, SIZE, (20, 14), 16.0, 8.0, |_| true), None);
+        assert_eq!(
+            visibility(&carpet(1), &plain, SIZE, (20, 14), 16.0, 8.0, |_| true),
+            None
+        );
     }
 }
