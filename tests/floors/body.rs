@@ -2,6 +2,20 @@
 
 use crate::random::at_point;
 
+/// Distance from the origin; `hypot` guards against overflow, at ten times the price.
+fn length([x, y]: [f32; 2]) -> f32 {
+    (x * x + y * y).sqrt()
+}
+
+/// Turns points of the picture into those of a shape with this centre and heading.
+pub(crate) fn to_local(at: [f32; 2], heading_rad: f32) -> impl Fn([f32; 2]) -> [f32; 2] {
+    let (sin, cos) = heading_rad.sin_cos();
+    move |[x, y]| {
+        let (dx, dy) = (x - at[0], y - at[1]);
+        [cos * dx + sin * dy, cos * dy - sin * dx]
+    }
+}
+
 /// A shape about its own centre. Lengths are pixels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Shape {
@@ -20,16 +34,16 @@ impl Shape {
     pub(crate) fn distance(self, [x, y]: [f32; 2]) -> f32 {
         let rectangle = |cx: f32, cy: f32, w: f32, h: f32| {
             let (dx, dy) = ((x - cx).abs() - w / 2.0, (y - cy).abs() - h / 2.0);
-            dx.max(0.0).hypot(dy.max(0.0)) + dx.max(dy).min(0.0)
+            length([dx.max(0.0), dy.max(0.0)]) + dx.max(dy).min(0.0)
         };
         match self {
-            Self::Disc(radius) => x.hypot(y) - radius,
+            Self::Disc(radius) => length([x, y]) - radius,
             Self::Box(w, h) => rectangle(0.0, 0.0, w, h),
-            Self::L(length, width) => {
-                let shift = (length - width) / 2.0;
-                rectangle(-shift, 0.0, width, length).min(rectangle(0.0, shift, length, width))
+            Self::L(arm, width) => {
+                let shift = (arm - width) / 2.0;
+                rectangle(-shift, 0.0, width, arm).min(rectangle(0.0, shift, arm, width))
             }
-            Self::Ring(outer, inner) => (x.hypot(y) - outer).max(inner - x.hypot(y)),
+            Self::Ring(outer, inner) => (length([x, y]) - outer).max(inner - length([x, y])),
         }
     }
 
@@ -46,7 +60,7 @@ impl Shape {
         match self {
             Self::Disc(radius) | Self::Ring(radius, _) => radius,
             Self::Box(w, h) => w.hypot(h) / 2.0,
-            Self::L(length, _) => length * std::f32::consts::FRAC_1_SQRT_2,
+            Self::L(arm, _) => arm * std::f32::consts::FRAC_1_SQRT_2,
         }
     }
 }
@@ -120,22 +134,24 @@ pub(crate) struct Body {
 }
 
 impl Body {
-    /// A point of the picture in the shape's own coordinates.
-    pub(crate) fn local(&self, [x, y]: [f32; 2]) -> [f32; 2] {
-        let (sin, cos) = self.heading_rad.sin_cos();
-        let (dx, dy) = (x - self.at[0], y - self.at[1]);
-        [cos * dx + sin * dy, cos * dy - sin * dx]
+    /// The body's colour at points of the picture, where it is.
+    pub(crate) fn colours(self) -> impl Fn([f32; 2]) -> Option<Colour> {
+        let local = to_local(self.at, self.heading_rad);
+        move |point| {
+            let point = local(point);
+            (self.shape.distance(point) <= 0.0).then(|| self.paint.colour(point))
+        }
     }
 
-    /// Colour at a point of the picture, where the body is.
-    pub(crate) fn colour(&self, point: [f32; 2]) -> Option<Colour> {
-        let local = self.local(point);
-        (self.shape.distance(local) <= 0.0).then(|| self.paint.colour(local))
+    /// Distance of points of the picture from its outer edge, negative inside: a hole belongs to the object.
+    pub(crate) fn distances(self) -> impl Fn([f32; 2]) -> f32 {
+        let local = to_local(self.at, self.heading_rad);
+        move |point| self.shape.outer_distance(local(point))
     }
 
     /// Whether a point of the picture belongs to it, holes included.
-    pub(crate) fn contains(&self, point: [f32; 2]) -> bool {
-        self.shape.outer_distance(self.local(point)) <= 0.0
+    pub(crate) fn contains(self, point: [f32; 2]) -> bool {
+        self.distances()(point) <= 0.0
     }
 
     /// The same thing elsewhere.

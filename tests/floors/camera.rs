@@ -30,6 +30,8 @@ pub(crate) struct Camera {
     encoding: Encoding,
     /// Rows exposed so far: each has its own noise.
     rows: u64,
+    /// A row without noise.
+    lit: Vec<f32>,
     rgb: Vec<u8>,
 }
 
@@ -42,6 +44,7 @@ impl Camera {
             noise_sigma,
             encoding,
             rows: 0,
+            lit: Vec::new(),
             rgb: Vec::new(),
         }
     }
@@ -61,29 +64,24 @@ impl Camera {
             self.rows += 1;
             let noise = &NOISE[mixed(self.rows) as usize % (NOISE.len() - 3 * size.width)..];
             let relative_y = y as f32 / size.height as f32;
-            let pixels = row
-                .iter()
-                .zip(out.as_chunks_mut::<3>().0)
-                .zip(noise.as_chunks::<3>().0);
-            for (x, ((colour, out), noise)) in pixels.enumerate() {
+            self.lit.clear();
+            for (x, colour) in row.iter().enumerate() {
                 let field = light.field(x as f32 / size.width as f32, relative_y);
-                let mut lit = *colour;
-                for (lit, gain) in lit.iter_mut().zip(light.gain) {
-                    *lit = (*lit * gain * field).clamp(0.0, 255.0);
-                }
-                if self.encoding == Encoding::Grey {
-                    lit = [luma(lit); 3];
-                }
-                for (channel, out) in out.iter_mut().enumerate() {
-                    let lit = lit[channel];
-                    let sigma = self.noise_sigma * (0.5 + lit / 256.0).sqrt();
-                    let own = if self.encoding == Encoding::Grey {
-                        0
-                    } else {
-                        channel
-                    };
-                    *out = (lit + sigma * noise[own] + 0.5) as u8;
-                }
+                let [r, g, b] = light.gain;
+                let lit = [
+                    colour[0] * r * field,
+                    colour[1] * g * field,
+                    colour[2] * b * field,
+                ];
+                self.lit.extend(match self.encoding {
+                    Encoding::Grey => [luma(lit); 3],
+                    _ => lit,
+                });
+            }
+            for ((out, lit), noise) in out.iter_mut().zip(&self.lit).zip(noise) {
+                let lit = lit.min(255.0);
+                let sigma = self.noise_sigma * (0.5 + lit / 256.0).sqrt();
+                *out = (lit + sigma * noise + 0.5).clamp(0.0, 255.0) as i32 as u8;
             }
         }
         frame.size = size;
@@ -103,6 +101,7 @@ impl Camera {
             }
             Encoding::Grey => {
                 frame.format = PixelFormat::Grey;
+                // The three are alike but for their noise.
                 frame.bytes.extend(pixels.iter().map(|pixel| pixel[0]));
             }
             Encoding::I420 => {

@@ -65,8 +65,9 @@ impl Canvas {
     }
 
     fn cast(&mut self, shadow: &Shadow) {
+        let covered = shadow.covered();
         let tile = sampled(self.size, shadow.at, shadow.reach(), |point| {
-            [shadow.covered(point), 0.0, 0.0, 0.0]
+            [covered(point), 0.0, 0.0, 0.0]
         });
         self.for_each(&tile, |pixel, light_left, [covered, ..]| {
             for (value, left) in pixel.iter_mut().zip(shadow.left) {
@@ -77,9 +78,9 @@ impl Canvas {
     }
 
     fn draw(&mut self, body: &Body) {
+        let colour = body.colours();
         let tile = sampled(self.size, body.at, body.shape.reach(), |point| {
-            body.colour(point)
-                .map_or([0.0; 4], |[r, g, b]| [r, g, b, 1.0])
+            colour(point).map_or([0.0; 4], |[r, g, b]| [r, g, b, 1.0])
         });
         self.for_each(&tile, |pixel, _, [r, g, b, opacity]| {
             for (value, own) in pixel.iter_mut().zip([r, g, b]) {
@@ -89,7 +90,7 @@ impl Canvas {
     }
 
     fn for_each(&mut self, tile: &Tile, mut apply: impl FnMut(&mut Colour, &mut f32, [f32; 4])) {
-        for (y, row) in tile.values.chunks_exact(tile.width).enumerate() {
+        for (y, row) in tile.values.chunks_exact(tile.width.max(1)).enumerate() {
             let start = (tile.top + y) * self.size.width + tile.left;
             for (x, &value) in row.iter().enumerate() {
                 apply(

@@ -33,11 +33,18 @@ impl Region {
             span(body.at[1], reach, size.height),
         );
         let (left, top, width) = (region.left, region.top, region.width);
+        let distance = body.distances();
         for (i, bits) in region.bits.iter_mut().enumerate() {
             let (x, y) = ((left + i % width) as f32, (top + i / width) as f32);
-            for (bit, (dx, dy)) in points().enumerate() {
-                *bits |= u16::from(body.contains([x + dx, y + dy])) << bit;
-            }
+            // No point of a pixel is 1 px from its centre.
+            *bits = match distance([x, y]) {
+                1.0.. => 0,
+                ..-1.0 => u16::MAX,
+                _ => points()
+                    .enumerate()
+                    .map(|(bit, (dx, dy))| u16::from(distance([x + dx, y + dy]) <= 0.0) << bit)
+                    .sum(),
+            };
         }
         region
     }

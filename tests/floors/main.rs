@@ -1,8 +1,8 @@
 //! What segmentation is worth on floors of every kind, measured on drawn scenes whose truth is known to a quarter of a pixel.
 //!
 //! Everything goes through the public pipeline with its default settings, and everything is judged by the outlines that it
-//! publishes. `cargo test --test floors -- --nocapture` prints the figures; `FLOORS_FRAMES=5000` in the environment watches
-//! empty floors for longer.
+//! publishes. `cargo test --test floors -- --nocapture` prints the figures, `--ignored` those of which nothing is demanded;
+//! `FLOORS_FRAMES=5000` in the environment watches empty floors for longer.
 //!
 //! # How a scene is drawn
 //!

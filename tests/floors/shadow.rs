@@ -1,6 +1,6 @@
 //! Shadows on the floor.
 
-use crate::body::{Body, Shape};
+use crate::body::{Body, Shape, to_local};
 
 /// Light that does not arrive.
 #[derive(Debug, Clone, Copy)]
@@ -37,17 +37,16 @@ impl Shadow {
         }
     }
 
-    /// How much of the source is covered, seen from a point: 0 to 1.
-    pub(crate) fn covered(&self, [x, y]: [f32; 2]) -> f32 {
-        let (sin, cos) = self.heading_rad.sin_cos();
-        let (dx, dy) = (x - self.at[0], y - self.at[1]);
-        let distance = self
-            .shape
-            .distance([cos * dx + sin * dy, cos * dy - sin * dx]);
-        if self.penumbra_px > 0.0 {
-            (0.5 - distance / self.penumbra_px).clamp(0.0, 1.0)
-        } else {
-            f32::from(u8::from(distance <= 0.0))
+    /// How much of the source is covered, seen from points of the picture: 0 to 1.
+    pub(crate) fn covered(self) -> impl Fn([f32; 2]) -> f32 {
+        let local = to_local(self.at, self.heading_rad);
+        move |point| {
+            let distance = self.shape.distance(local(point));
+            if self.penumbra_px > 0.0 {
+                (0.5 - distance / self.penumbra_px).clamp(0.0, 1.0)
+            } else {
+                f32::from(u8::from(distance <= 0.0))
+            }
         }
     }
 

@@ -14,7 +14,7 @@ use crate::play::Play;
 use crate::shadow::{Shadow, bluish, neutral};
 
 /// Frames that are judged.
-const FRAMES: usize = 10;
+const FRAMES: usize = 8;
 
 /// Light left on the floor.
 const SOFT: std::ops::RangeInclusive<f32> = 0.5..=0.9;
@@ -186,6 +186,7 @@ fn hard_shadows_are_floor_where_it_shows_through() {
 }
 
 #[test]
+#[ignore = "demands nothing: cargo test --test floors reported -- --ignored --nocapture"]
 fn shadows_before_other_cameras_are_reported() {
     judge(Kind::Soft, Encoding::Grey, false);
     judge(Kind::Soft, Encoding::I420, false);

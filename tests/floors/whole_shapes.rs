@@ -85,6 +85,11 @@ fn a_thin_stripe_in_the_colour_of_the_floor_does_not_cut_a_robot() {
             (Shape::Disc(26.0), Paint::Striped(BLUE, floor, 3.0)),
         ]
     });
+}
+
+#[test]
+#[ignore = "demands nothing: cargo test --test floors reported -- --ignored --nocapture"]
+fn wide_stripes_in_the_colour_of_the_floor_are_reported() {
     one_each("stripe of 8 px", false, |floor| {
         [
             (Shape::Box(60.0, 40.0), Paint::Striped(RED, floor, 8.0)),
