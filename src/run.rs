@@ -172,6 +172,7 @@ pub fn run(
         line: Vec::new(),
         n_scenes: 0,
         books: Books::default(),
+        light: scene::LIGHT_STEADY,
     };
     let processed = stage.run(&frames, stop);
     if processed.is_ok() && stage.n_scenes == 0 && stage.books.processed > 0 {

@@ -237,7 +237,7 @@ mod tests {
     }
 
     /// Pixels whose windows of the median and of the mean lie in the picture.
-    fn inner() -> impl Iterator<Item = usize> {
+    fn inner() -> impl Iterator<Item = usize> + Clone {
         (2..SIZE.height - 2).flat_map(|y| (2..SIZE.width - 2).map(move |x| y * SIZE.width + x))
     }
 
@@ -301,11 +301,15 @@ mod tests {
     }
 
     /// Mean of the learned noise and root mean square of its errors, in units of the real one.
-    fn noise_against(real: f64, floor: &Floor) -> (f64, f64) {
+    fn noise_against(
+        real: f64,
+        floor: &Floor,
+        pixels: impl Iterator<Item = usize> + Clone,
+    ) -> (f64, f64) {
         let ratio = |i: usize| f64::from(floor.noise[i]) / f64::from(NOISE_STEPS) / real;
-        let n = inner().count() as f64;
-        let mean = inner().map(ratio).sum::<f64>() / n;
-        let squares: f64 = inner().map(|i| (ratio(i) - 1.0).powi(2)).sum();
+        let n = pixels.clone().count() as f64;
+        let mean = pixels.clone().map(ratio).sum::<f64>() / n;
+        let squares: f64 = pixels.map(|i| (ratio(i) - 1.0).powi(2)).sum();
         (mean, (squares / n).sqrt())
     }
 
@@ -316,7 +320,7 @@ mod tests {
             let mut random = Random(7);
             let pictures: Vec<Picture> = (0..30).map(|_| random.picture(sigma)).collect();
             let real = denoised_sigma(sigma);
-            let (mean, error) = noise_against(real, &learn(&pictures, 30));
+            let (mean, error) = noise_against(real, &learn(&pictures, 30), inner());
             println!("{real:.2} grey levels: mean {mean:.3}, error {error:.3}");
             assert!((mean - 1.0).abs() < 0.07, "{real:.2}: {mean:.3}");
             assert!(error < 0.12, "{real:.2}: {error:.3}");
@@ -325,21 +329,31 @@ mod tests {
 
     #[test]
     fn objects_are_not_noise() {
-        for (sigma, object) in [(1.6, 150), (4.0, 150), (4.0, 90), (16.0, 240), (16.0, 5)] {
+        for (sigma, object, covered) in [
+            (1.6, 150, 2),
+            (4.0, 190, 2),
+            (4.0, 60, 2),
+            (16.0, 250, 2),
+            (16.0, 3, 2),
+            (4.0, 145, 1),
+            (16.0, 185, 1),
+        ] {
             let mut random = Random(7);
             let mut pictures: Vec<Picture> = (0..30).map(|_| random.picture(sigma)).collect();
-            // Each pixel is covered in 10 of the 25 frames that are collected, by something of even colour.
+            // Each pixel is covered in 10 or 5 of the 25 frames that are collected, by something of even colour.
             for (i, picture) in pictures.iter_mut().enumerate() {
                 for plane in [&mut picture.red, &mut picture.green, &mut picture.blue] {
                     for (at, value) in plane.iter_mut().enumerate() {
-                        if (at / SIZE.width / 5 + i) % 5 < 2 {
+                        if (at / SIZE.width / 5 + i) % 5 < covered {
                             *value = object;
                         }
                     }
                 }
             }
             let real = denoised_sigma(sigma);
-            let (mean, error) = noise_against(real, &learn(&pictures, 30));
+            // Beside an object the 3x3 median changes the floor, which is no fault of the learner: rows away from its edges.
+            let rows = inner().filter(|i| i / SIZE.width % 5 == 2);
+            let (mean, error) = noise_against(real, &learn(&pictures, 30), rows);
             println!("{real:.2}, object {object}: mean {mean:.3}, error {error:.3}");
             assert!((mean - 1.0).abs() < 0.15, "{real:.2}, {object}: {mean:.3}");
             assert!(error < 0.2, "{real:.2}, {object}: {error:.3}");

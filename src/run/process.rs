@@ -27,6 +27,8 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) line: Vec<u8>,
     pub(super) n_scenes: u64,
     pub(super) books: Books,
+    /// Of the scene before.
+    pub(super) light: u32,
 }
 
 impl<W: Write> ProcessStage<'_, W> {
@@ -106,6 +108,7 @@ impl<W: Write> ProcessStage<'_, W> {
         let mut result = Ok(());
         if outcome == Outcome::Scene {
             self.n_scenes += 1;
+            self.tell_light(&slot.scene);
             result = self.deliver(&mut slot);
             let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
             let latency = if self.live {
@@ -117,6 +120,22 @@ impl<W: Write> ProcessStage<'_, W> {
         }
         self.sink.take(slot, &mut self.books);
         result
+    }
+
+    /// Says when the light changes, goes out or comes back.
+    fn tell_light(&mut self, scene: &scene::Scene) {
+        let before = std::mem::replace(&mut self.light, scene.light);
+        let message = match (before, scene.light) {
+            (scene::LIGHT_DARK, scene::LIGHT_DARK) => return,
+            (_, scene::LIGHT_DARK) => "it is too dark to see anything",
+            (scene::LIGHT_DARK, _) => "it is light again",
+            (scene::LIGHT_STEADY, scene::LIGHT_CHANGED) => {
+                "the light has changed; new objects are withheld for a moment"
+            }
+            _ => return,
+        };
+        self.status
+            .say(&format!("frame {}: {message}", scene.sequence));
     }
 
     /// Hands the scene to planners and prints it.

@@ -12,7 +12,7 @@
 //!    same are not written: a camera that states an old value while it is automatic (many do, of the exposure) often
 //!    keeps the true one as long as nobody writes.
 //! 4. Everything is read again, and that is what is told. If the picture has become brighter or darker by more than
-//!    [`BRIGHTNESS_RATIO_MAX`], the value that was read was not the true one: exposure and gain are left to the automatics again.
+//!    `BRIGHTNESS_RATIO_MAX`, the value that was read was not the true one: exposure and gain are left to the automatics again.
 //!
 //! A control that the camera does not have or refuses to change does not stop the run, unless its value was given by hand. When the
 //! camera is closed, everything that was written is put back, for the next program expects a camera that adapts itself. A killed

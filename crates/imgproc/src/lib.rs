@@ -5,8 +5,8 @@
 //! 1. [`background`] learns the picture of the empty floor from frames on which objects may move, and [`noise`] how much it
 //!    changes from frame to frame;
 //! 2. [`median`] removes the noise of single pixels;
-//! 3. [`difference`] compares a frame with the floor in hue, saturation and lightness;
-//! 4. [`threshold`] makes a mask of it: object or floor;
+//! 3. [`light`] measures how bright the light is, [`difference`] compares a frame with the floor in it, in units of noise;
+//! 4. [`classes`] tells objects from shadows and from floor, [`texture`] judges where the difference alone cannot;
 //! 5. [`morphology`] removes specks from the mask and closes its gaps;
 //! 6. [`contour`] finds the shapes of the mask and walks around them;
 //! 7. [`split`] divides the pixels of one shape into light and dark;
