@@ -18,7 +18,9 @@ use crate::source::controls::ControlWish;
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true)]
 #[command(
-    after_help = "Exit status: 0 done or stopped by Ctrl-C, 1 failed, 2 wrong arguments, 3 finished but frames were \
+    after_help = "The signal USR1 makes a running overcam learn the empty floor anew from the next --learn frames; it goes on with the \
+                  old one meanwhile: kill -USR1 PID\n\n\
+                  Exit status: 0 done or stopped by Ctrl-C, 1 failed, 2 wrong arguments, 3 finished but frames were \
                         lost from the recording."
 )]
 pub struct Cli {
@@ -35,6 +37,8 @@ pub struct Cli {
 pub enum Command {
     /// List the cameras with their formats, sizes, rates and controls
     Devices,
+    /// Learn the empty floor, over which objects may move, and write it into a file for --background
+    Background(BackgroundArgs),
     /// Print what a running overcam publishes, as --json would
     Watch {
         /// Name of the service
@@ -54,9 +58,9 @@ pub enum Command {
     },
 }
 
-/// Arguments of the main job. What is not given comes from the recording that is replayed, or is a default.
+/// Where frames come from.
 #[derive(Debug, Args)]
-pub struct RunArgs {
+pub struct SourceArgs {
     /// Camera node, .mcap recording, .y4m file, - for Y4M on standard input, folder of PNG/JPEG files, or demo
     #[arg(long, default_value = "demo")]
     pub device: String,
@@ -85,18 +89,62 @@ pub struct RunArgs {
     /// Focus of the camera, in its own unit
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub focus: Option<i32>,
+}
+
+impl SourceArgs {
+    /// What a camera is asked for.
+    #[must_use]
+    pub fn wish(&self) -> Wish {
+        Wish {
+            size: self.size,
+            rate_hz: self.rate,
+            format: self.format,
+            controls: ControlWish {
+                camera_auto: self.camera_auto,
+                exposure_us: self.exposure,
+                gain: self.gain,
+                white_balance_k: self.white_balance,
+                focus: self.focus,
+            },
+        }
+    }
+}
+
+/// Arguments of `overcam background`.
+#[derive(Debug, Args)]
+pub struct BackgroundArgs {
+    /// Where frames come from.
+    #[command(flatten)]
+    pub source: SourceArgs,
+    /// The PNG file; one that is there already is replaced
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Learn from N frames, or from all of a file that has fewer
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    pub learn: u32,
+}
+
+/// Arguments of the main job. What is not given comes from the recording that is replayed, or is a default.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Where frames come from.
+    #[command(flatten)]
+    pub source: SourceArgs,
     /// Record every frame and result into a new MCAP file
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
     /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
     #[arg(long, value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
     pub record_jpeg: Option<u8>,
-    /// Picture of the empty floor, PNG or JPEG
+    /// The empty floor: a PNG file of `overcam background`, or a picture of it, PNG or JPEG
     #[arg(long, value_name = "FILE", conflicts_with = "learn")]
     pub background: Option<PathBuf>,
     /// Learn the empty floor from the first N frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub learn: Option<u32>,
+    /// Picture of the frames' size, PNG or JPEG: what is dark in it is not looked at
+    #[arg(long, value_name = "FILE")]
+    pub region: Option<PathBuf>,
     /// Folder of marker drawings (SVG) that replace the built-in ones
     #[arg(long, value_name = "DIR")]
     pub markers: Option<PathBuf>,
@@ -124,23 +172,6 @@ pub struct RunArgs {
 }
 
 impl RunArgs {
-    /// What a camera is asked for.
-    #[must_use]
-    pub fn wish(&self) -> Wish {
-        Wish {
-            size: self.size,
-            rate_hz: self.rate,
-            format: self.format,
-            controls: ControlWish {
-                camera_auto: self.camera_auto,
-                exposure_us: self.exposure,
-                gain: self.gain,
-                white_balance_k: self.white_balance,
-                focus: self.focus,
-            },
-        }
-    }
-
     /// How the recording stores frames.
     #[must_use]
     pub fn image_mode(&self) -> ImageMode {

@@ -1,6 +1,7 @@
 //! What is known of the empty floor: its picture, and how much each of its pixels changes from frame to frame.
 //!
-//! A floor is learned from frames ([`learner`]) or read from a file.
+//! A floor is learned from frames ([`learner`]) or read from a file. Which part of the picture is floor at all, a [`region`]
+//! says.
 //!
 //! # A floor as a file
 //!
@@ -12,6 +13,7 @@
 //! Deliberately absent: anything that changes a floor after it was learned.
 
 pub mod learner;
+pub mod region;
 
 use std::fs;
 use std::path::Path;

@@ -11,7 +11,7 @@
 //! [`pipeline`] is where to begin: [`Pipeline::process`](pipeline::Pipeline::process) turns one frame into one scene. It joins
 //!
 //! * [`frame`]: a frame in the format of its source, decoded into colour planes ([`jpeg`] decodes JPEG);
-//! * [`floor`]: what is known of the empty floor, learned or read;
+//! * [`floor`]: what is known of the empty floor, learned or read, and which part of the picture is floor;
 //! * `segmentation`: the mask of everything that differs from it;
 //! * `detection`: shapes of the mask, each a marked object or an obstacle; [`marker`] reads what is on them, `outline`
 //!   simplifies contours;

@@ -9,11 +9,12 @@ use anyhow::Context;
 use clap::Parser;
 use overcam::cli::{Cli, Command};
 use overcam::recording::recover;
+use overcam::run::background::learn_background;
 use overcam::run::{Completion, run};
 use overcam::source::{SourceError, devices};
 use overcam::status::{one_line, tell};
 use overcam::watch;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
 /// The arguments contradict each other; those that cannot be read end the program with the same.
 const WRONG_ARGUMENTS: u8 = 2;
@@ -42,10 +43,14 @@ fn execute(cli: &Cli) -> anyhow::Result<Completion> {
             .context("signals")?;
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("signals")?;
     }
+    // Registered for every command, lest the signal ends one to which it says nothing.
+    let relearn = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(SIGUSR1, Arc::clone(&relearn)).context("signals")?;
     let mut out = std::io::stdout().lock();
     match &cli.command {
-        None => return run(&cli.run, &stop, &mut out),
+        None => return run(&cli.run, &stop, &relearn, &mut out),
         Some(Command::Devices) => devices::list(&mut out).context("standard output")?,
+        Some(Command::Background(args)) => learn_background(args, &stop, &mut out)?,
         Some(Command::Watch { service, frames }) => {
             watch::watch(service, *frames, &stop, &mut out)?
         }

@@ -11,6 +11,7 @@ use crate::calibration::{Calibration, FloorPoint};
 use crate::detection::{Detection, Detector, MAX_DETECTIONS};
 use crate::floor::Floor;
 use crate::floor::learner::Learner;
+use crate::floor::region::Region;
 use crate::frame::{DecodeError, Picture, decode};
 use crate::marker::Family;
 use crate::segmentation::{Light, Segmenter};
@@ -39,6 +40,7 @@ pub struct Pipeline {
     /// `None` until a floor is known.
     segmenter: Option<Box<Segmenter>>,
     learning: Learning,
+    region: Option<Region>,
     picture: Picture,
     detector: Detector,
     observations: Vec<Observation>,
@@ -90,6 +92,7 @@ impl Pipeline {
             calibration,
             segmenter: None,
             learning: Learning::Collecting(Box::new(Learner::new(size, settings.learn))),
+            region: None,
             picture: Picture::new(size),
             detector: Detector::new(size),
             observations: Vec::with_capacity(MAX_DETECTIONS),
@@ -98,6 +101,22 @@ impl Pipeline {
             tracker: Box::new(Tracker::new()),
             settings,
         }
+    }
+
+    /// Looks at this part of the frames only, or at all of them again.
+    ///
+    /// # Panics
+    ///
+    /// When the region has another size than the frames.
+    pub fn set_region(&mut self, region: Option<Region>) {
+        if let Some(region) = &region {
+            assert_eq!(
+                region.size(),
+                self.picture.size,
+                "a region has another size"
+            );
+        }
+        self.region = region;
     }
 
     /// Learns the empty floor anew from the next [`Settings::learn`] frames. The old one is used meanwhile; the new one applies from the frame
@@ -133,6 +152,9 @@ impl Pipeline {
         };
 
         let (mask, light, gains) = segmenter.segment(&self.picture, &self.settings.segmentation());
+        if let Some(region) = &self.region {
+            region.clear_outside(mask);
+        }
         let (detections, overflow) = self.detector.detect(
             mask,
             &self.picture,

@@ -18,6 +18,7 @@
 //!
 //! A shortage is counted where it happens, and the [books](Books) are checked at the end.
 
+pub mod background;
 mod capture;
 mod process;
 mod record;
@@ -85,7 +86,8 @@ impl Books {
     }
 }
 
-/// Locates until the source ends, `stop` is set, or as many frames as asked for are done. Scenes go to `out` as JSON, if
+/// Locates until the source ends, `stop` is set, or as many frames as asked for are done. When `relearn` is set, it is taken back and
+/// the empty floor is learned anew. Scenes go to `out` as JSON, if
 /// asked for; all else that a person reads goes to standard error.
 ///
 /// # Errors
@@ -95,9 +97,10 @@ impl Books {
 pub fn run(
     args: &RunArgs,
     stop: &Arc<AtomicBool>,
+    relearn: &AtomicBool,
     out: &mut impl Write,
 ) -> anyhow::Result<Completion> {
-    let Some(mut source) = open_source(args, stop)? else {
+    let Some(mut source) = open_source(&args.source, stop)? else {
         return Ok(Completion::Done);
     };
     let setup = Setup::new(args, &source)?;
@@ -168,6 +171,8 @@ pub fn run(
         publisher,
         sink,
         status: Status::new(info.live),
+        relearn,
+        relearning: false,
         out,
         line: Vec::new(),
         n_scenes: 0,

@@ -5,6 +5,7 @@ use anyhow::{Context, anyhow, bail};
 use crate::calibration::Calibration;
 use crate::cli::RunArgs;
 use crate::floor::Floor;
+use crate::floor::region::Region;
 use crate::marker::{Family, built_in_files, read_folder};
 use crate::pipeline::Pipeline;
 use crate::recording::provenance::Provenance;
@@ -19,8 +20,9 @@ pub(crate) struct Setup {
     pub(crate) pipeline: Pipeline,
     /// For the recording.
     pub(crate) provenance: Provenance,
-    settings: Settings,
+    pub(crate) settings: Settings,
     residual_px: Option<f64>,
+    region_share: Option<f64>,
     background: Background,
 }
 
@@ -45,7 +47,7 @@ impl Setup {
         let settings = match recorded {
             Some(provenance) if !provenance.settings.is_empty() => {
                 toml::from_str(&provenance.settings)
-                    .with_context(|| format!("{}: its settings", args.device))?
+                    .with_context(|| format!("{}: its settings", args.source.device))?
             }
             _ => Settings::default(),
         };
@@ -72,23 +74,33 @@ impl Setup {
             .transpose()
             .with_context(|| match &args.calibration {
                 Some(path) => path.display().to_string(),
-                None => args.device.clone(),
+                None => args.source.device.clone(),
             })?;
+        let region = match (&args.region, recorded.and_then(|p| p.region.as_deref())) {
+            (Some(path), _) => Some(Region::read(path, info.size)?),
+            (None, Some(png)) => Some(Region::from_png(png, &args.source.device, info.size)?),
+            (None, None) => None,
+        };
         let provenance = Provenance {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             source: info.name.clone(),
             settings: toml::to_string(&settings).context("settings")?,
             calibration: calibration_text,
+            region: region.as_ref().map(Region::to_png),
             floor_from_image: calibration.as_ref().map(Calibration::floor_from_image),
             markers,
         };
         let family = Family::from_files(&provenance.markers)?;
         let residual_px = calibration.as_ref().map(Calibration::residual_px);
+        let region_share = region.as_ref().map(Region::share);
+        let mut pipeline = Pipeline::new(info.size, info.rate_hz, settings, family, calibration);
+        pipeline.set_region(region);
         Ok(Self {
-            pipeline: Pipeline::new(info.size, info.rate_hz, settings, family, calibration),
+            pipeline,
             provenance,
             settings,
             residual_px,
+            region_share,
             background: Background::new(args, source)?,
         })
     }
@@ -136,6 +148,12 @@ impl Setup {
         if let Some(residual) = self.residual_px {
             tell(format_args!(
                 "overcam: positions are in metres on the floor; the calibration's residual is {residual:.2} px"
+            ));
+        }
+        if let Some(share) = self.region_share {
+            let percent = 100.0 * share;
+            tell(format_args!(
+                "overcam: looking at {percent:.0} % of the picture, the light part of the region"
             ));
         }
         if matches!(self.background, Background::Learned) {

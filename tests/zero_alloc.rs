@@ -159,6 +159,37 @@ fn learning_allocates_only_where_it_ends() {
     }
 }
 
+#[test]
+fn learning_anew_allocates_only_where_it_is_asked_for() {
+    const LEARN: u32 = 12;
+    let mut pipeline = pipeline(Settings {
+        learn: LEARN,
+        ..Settings::default()
+    });
+    let mut floor = Floor::new(NATURAL_SIZE, 1);
+    let mut slot = Slot::empty();
+    let mut changed_at = Vec::new();
+    for sequence in 0..40 {
+        draw(&mut floor, sequence, PixelFormat::Rgb, &mut slot);
+        slot.background = (sequence == 0).then(|| floor.background());
+        if sequence == 10 || sequence == 15 {
+            // The second request changes nothing.
+            pipeline.relearn();
+        }
+        assert_eq!(
+            pipeline.is_learning(),
+            sequence == 0 || (10..=22).contains(&sequence)
+        );
+        let (allocations, outcome) = counted(|| pipeline.process(&mut slot));
+        assert_eq!(outcome.expect("it is a picture"), Outcome::Scene);
+        assert_eq!(allocations == 0, sequence > 0, "frame {sequence}");
+        if slot.background.is_some() {
+            changed_at.push(sequence);
+        }
+    }
+    assert_eq!(changed_at, [0, 10 + u64::from(LEARN)]);
+}
+
 /// Frames full of shapes, then the empty floor until all of them are forgotten: all memory is dirty and no track is left.
 fn make_dirty(pipeline: &mut Pipeline, background: &floor::Floor) {
     let mut slot = Slot::empty();

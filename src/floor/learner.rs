@@ -355,8 +355,8 @@ mod tests {
             let rows = inner().filter(|i| i / SIZE.width % 5 == 2);
             let (mean, error) = noise_against(real, &learn(&pictures, 30), rows);
             println!("{real:.2}, object {object}: mean {mean:.3}, error {error:.3}");
-            assert!((mean - 1.0).abs() < 0.15, "{real:.2}, {object}: {mean:.3}");
-            assert!(error < 0.2, "{real:.2}, {object}: {error:.3}");
+            assert!((mean - 1.0).abs() < 0.05, "{real:.2}, {object}: {mean:.3}");
+            assert!(error < 0.12, "{real:.2}, {object}: {error:.3}");
         }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! A recording starts with one MCAP metadata record named `overcam` and a few attachments. The metadata record holds short
 //! facts as text: where the frames came from, their size and layout, at what the camera's controls were locked, how log times
-//! follow from exposure times, and the settings of the run as TOML. The attachments hold the files of the run: `markers/NAME.svg` and `calibration.toml`.
+//! follow from exposure times, and the settings of the run as TOML. The attachments hold the files of the run:
+//! `markers/NAME.svg`, `calibration.toml` and `region.png`.
 //! Numbers are written in the shortest form that reads back to the same value.
 //!
 //! Deliberately absent: anything that is known only later (counts, durations). MCAP's own summary has it.
@@ -22,6 +23,7 @@ pub(crate) const METADATA_NAME: &str = "overcam";
 /// Attachment with the empty floor. It may come several times; each applies from the next frame on.
 pub(crate) const BACKGROUND_NAME: &str = "background.png";
 const CALIBRATION_NAME: &str = "calibration.toml";
+const REGION_NAME: &str = "region.png";
 const MARKER_FOLDER: &str = "markers/";
 const MARKER_SUFFIX: &str = ".svg";
 
@@ -50,6 +52,8 @@ pub struct Provenance {
     pub markers: Vec<MarkerFile>,
     /// The calibration file, as TOML text.
     pub calibration: Option<String>,
+    /// The region that is looked at, as a PNG file.
+    pub region: Option<Vec<u8>>,
     /// Homography from pixels to metres on the floor, row by row, when the results are in metres.
     pub floor_from_image: Option<[[f64; 3]; 3]>,
 }
@@ -92,7 +96,7 @@ pub enum ProvenanceError {
 pub(crate) struct AttachedFile<'a> {
     pub(crate) name: String,
     pub(crate) media_type: &'static str,
-    pub(crate) text: &'a str,
+    pub(crate) data: &'a [u8],
 }
 
 impl Provenance {
@@ -101,14 +105,19 @@ impl Provenance {
         let markers = self.markers.iter().map(|marker| AttachedFile {
             name: format!("{MARKER_FOLDER}{}{MARKER_SUFFIX}", marker.name),
             media_type: "image/svg+xml",
-            text: &marker.svg,
+            data: marker.svg.as_bytes(),
         });
         let calibration = self.calibration.iter().map(|text| AttachedFile {
             name: CALIBRATION_NAME.to_owned(),
             media_type: "application/toml",
-            text,
+            data: text.as_bytes(),
         });
-        markers.chain(calibration).collect()
+        let region = self.region.iter().map(|png| AttachedFile {
+            name: REGION_NAME.to_owned(),
+            media_type: "image/png",
+            data: png,
+        });
+        markers.chain(calibration).chain(region).collect()
     }
 
     /// Takes in an attachment of a recording; one that is no file of the run is ignored.
@@ -122,6 +131,8 @@ impl Provenance {
         };
         if name == CALIBRATION_NAME {
             self.calibration = Some(text()?);
+        } else if name == REGION_NAME {
+            self.region = Some(data.to_vec());
         } else if let Some(marker) = name
             .strip_prefix(MARKER_FOLDER)
             .and_then(|file| file.strip_suffix(MARKER_SUFFIX))
@@ -177,7 +188,7 @@ pub(crate) fn to_metadata(
     metadata
 }
 
-/// Reads the metadata record of a recording. The markers and the calibration are attachments and still lack.
+/// Reads the metadata record of a recording. The markers, the calibration and the region are attachments and still lack.
 pub(crate) fn from_metadata(
     metadata: &BTreeMap<String, String>,
 ) -> Result<(Frames, Provenance), ProvenanceError> {
@@ -207,6 +218,7 @@ pub(crate) fn from_metadata(
         settings: text("settings")?,
         markers: Vec::new(),
         calibration: None,
+        region: None,
         floor_from_image: floor_from_image(metadata)?,
     };
     Ok((frames, provenance))
@@ -286,6 +298,7 @@ mod tests {
             settings: "[detection]\nthreshold = 24\n".to_owned(),
             markers: Vec::new(),
             calibration: None,
+            region: None,
             floor_from_image: Some([
                 [0.1 + 0.2, -1e-17, 3.0],
                 [1.0 / 3.0, 5e300, 0.0],
@@ -362,11 +375,12 @@ mod tests {
                 },
             ],
             calibration: Some("points = []".to_owned()),
+            region: Some(vec![0x89, 0, 0xff]),
             ..Provenance::default()
         };
         let mut read = Provenance::default();
         for file in provenance.attached_files() {
-            read.add_attachment(&file.name, file.text.as_bytes())
+            read.add_attachment(&file.name, file.data)
                 .expect("own attachment is readable");
         }
         read.add_attachment("notes.txt", b"\xff")

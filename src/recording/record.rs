@@ -4,7 +4,7 @@
 //!
 //! The camera's frames and the results of each, on the topics that [`topics`](crate::recording::topics) lists.
 //!
-//! Settings, markers and calibration stand before the first message ([`Provenance`]). A new floor is
+//! Settings, markers, calibration and region stand before the first message ([`Provenance`]). A new floor is
 //! the attachment `background.png` ([`Floor`](crate::floor::Floor)), written before the first frame to which it applies: the order in the file is its meaning.
 //!
 //! A message's sequence is the frame's, in 32 bits. Its log time is the moment of exposure: on the wall clock for a camera,
@@ -201,12 +201,11 @@ impl Recorder {
             metadata: provenance::to_metadata(info, provenance, mode, wall_offset_ns),
         })?;
         for attached in provenance.attached_files() {
-            let data = attached.text.as_bytes();
             attach(
                 &mut mcap,
                 &attached.name,
                 attached.media_type,
-                data,
+                attached.data,
                 wall_offset_ns,
             )?;
         }

@@ -5,13 +5,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use crate::cli::RunArgs;
+use crate::cli::SourceArgs;
 use crate::run::{POLL, joined, spawn};
 use crate::slot::{Next, Slot};
 use crate::source::{Source, SourceError};
 
 /// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
-pub(super) fn open_source(args: &RunArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
+pub(super) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
     let (to_run, opened) = sync_channel(1);
     let (device, wish) = (args.device.clone(), args.wish());
     let opening = spawn("open", move || {

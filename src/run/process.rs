@@ -23,6 +23,10 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) publisher: Option<Publisher>,
     pub(super) sink: Sink,
     pub(super) status: Status,
+    /// Set from outside when the floor is to be learned anew.
+    pub(super) relearn: &'a AtomicBool,
+    /// The floor is being learned anew.
+    pub(super) relearning: bool,
     pub(super) out: &'a mut W,
     pub(super) line: Vec<u8>,
     pub(super) n_scenes: u64,
@@ -105,6 +109,7 @@ impl<W: Write> ProcessStage<'_, W> {
             }
         };
         self.books.processed += 1;
+        self.look_after_relearning(slot.frame.sequence);
         let mut result = Ok(());
         if outcome == Outcome::Scene {
             self.n_scenes += 1;
@@ -136,6 +141,31 @@ impl<W: Write> ProcessStage<'_, W> {
         };
         self.status
             .say(&format!("frame {}: {message}", scene.sequence));
+    }
+
+    /// Starts to learn the floor anew if that was asked for, and says when it is in use.
+    fn look_after_relearning(&mut self, sequence: u64) {
+        let pipeline = &mut self.setup.pipeline;
+        if self.relearning && !pipeline.is_learning() {
+            self.relearning = false;
+            self.status.say(&format!(
+                "the empty floor was learned anew; it is used from frame {sequence} on"
+            ));
+        }
+        if !self.relearn.swap(false, Ordering::Relaxed) {
+            return;
+        }
+        if pipeline.is_learning() {
+            self.status
+                .say("the empty floor is being learned already; that goes on");
+            return;
+        }
+        pipeline.relearn();
+        self.relearning = true;
+        self.status.say(&format!(
+            "learning the empty floor anew from the {} frames after frame {sequence}; the old one is used meanwhile",
+            self.setup.settings.learn
+        ));
     }
 
     /// Hands the scene to planners and prints it.

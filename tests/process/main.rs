@@ -4,6 +4,7 @@
 //! frames a second, so the tests take few frames from it.
 
 mod fixture;
+mod floor;
 mod output;
 mod refusals;
 mod replay;

@@ -13,7 +13,7 @@ use crate::fixture::{
 };
 
 /// A run that does not start: status 1, nothing printed, and one line that contains all of `parts`.
-fn assert_refused(folder: &Path, arguments: &[&str], parts: &[&str]) {
+pub(crate) fn assert_refused(folder: &Path, arguments: &[&str], parts: &[&str]) {
     let ended = run(folder, arguments);
     assert_eq!(ended.status, Some(1), "{arguments:?}: {:?}", ended.errors);
     assert!(ended.lines.is_empty());

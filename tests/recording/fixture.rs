@@ -46,6 +46,7 @@ pub(crate) fn provenance() -> Provenance {
         settings: "threshold = 24\n".to_owned(),
         markers: vec![marker("drop"), marker("arrow")],
         calibration: Some("points = []\n".to_owned()),
+        region: Some(noise(300, 50)),
         floor_from_image: Some([[0.01, 0.0, -1.0], [0.0, -0.01, 2.0], [0.0, 0.0, 1.0]]),
     }
 }

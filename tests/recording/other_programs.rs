@@ -147,6 +147,7 @@ wall_offset_ns width
 attachment markers/drop.svg image/svg+xml
 attachment markers/arrow.svg image/svg+xml
 attachment calibration.toml application/toml
+attachment region.png image/png
 attachment background.png image/png
 attachment background.png image/png
 topic /camera/image foxglove.RawImage 38

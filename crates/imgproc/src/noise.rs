@@ -6,8 +6,8 @@
 //! median of the distances from it (the median absolute deviation), and two grey levels. What covers a pixel for less than half of the
 //! time and differs from it by more does not count. Of Gaussian noise the limit is at 2.7 standard deviations and two grey levels; without what lies
 //! behind, the standard deviation comes out up to 5 % too low. The two grey levels keep the limit off noise of less than a grey
-//! level, whose median distance is 0. (Where something covers a pixel for two fifths of the time, it moves the median by a standard
-//! deviation, and the limit out to 8 of them.)
+//! level, whose median distance is 0. Where something covers a pixel for a fifth of the time, the
+//! limit is at 4 to 6 standard deviations; for two fifths, it moves the median too, and the limit is at 8 on average and at 13 in some pixels.
 //!
 //! The variance is taken about the mean of the near values, not about the median: the median is a whole number, and on a quiet floor half a grey
 //! level beside the mean is as much as the noise. The rounding of a camera to whole grey levels is part of what is measured

@@ -1,0 +1,182 @@
+//! `overcam background`: learns the empty floor and writes it into a file, for runs that start on a floor that is not empty.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+
+use anyhow::{Context, bail};
+
+use crate::cli::BackgroundArgs;
+use crate::floor::learner::Learner;
+use crate::frame::{Picture, decode};
+use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
+use crate::run::{POLL, SLOTS, spawn};
+use crate::slot::{Slot, SourceInfo};
+use crate::status::tell;
+
+/// Learns the floor and writes it, unless `stop` is set before. One line about it goes to `out`.
+///
+/// # Errors
+///
+/// What kept it from being learned or written, in one line. A file that was there before is left as it was.
+pub fn learn_background(
+    args: &BackgroundArgs,
+    stop: &Arc<AtomicBool>,
+    out: &mut impl Write,
+) -> anyhow::Result<()> {
+    let Some(mut source) = open_source(&args.source, stop)? else {
+        return Ok(());
+    };
+    let info = source.info();
+    // Before the frames are waited for, which may take minutes.
+    let target = Replacement::create(&args.output).with_context(|| not_written(&args.output))?;
+    source.start(stop)?;
+    if stop.load(Ordering::Relaxed) {
+        return Ok(());
+    }
+    tell(format_args!(
+        "overcam: learning the empty floor from {} frames of {}",
+        args.learn, info.name
+    ));
+
+    let (to_process, frames) = sync_channel(SLOTS);
+    let (to_capture, free) = sync_channel(SLOTS);
+    (0..SLOTS).for_each(|_| drop(to_capture.try_send(Slot::empty())));
+    let capture = spawn("capture", {
+        let (stop, live) = (Arc::clone(stop), info.live);
+        move || {
+            let counters = Counters::default();
+            let limit = u64::MAX;
+            capture(source, live, limit, &free, &to_process, &stop, &counters)
+        }
+    })?;
+    let mut learner = Learner::new(info.size, args.learn);
+    let learned = learn(&mut learner, &info, &frames, &to_capture, stop);
+    let stopped = stop.swap(true, Ordering::Relaxed);
+    drop((frames, to_capture));
+    let captured = joined_unless_blocked(capture, stop)?;
+    if !learned? {
+        captured?;
+        if stopped {
+            tell(format_args!(
+                "overcam: stopped after {} frames; nothing is written",
+                learner.seen()
+            ));
+            return Ok(());
+        }
+    }
+
+    let seen = learner.seen();
+    let Some(floor) = learner.finish() else {
+        bail!("{}: there is no frame to learn from", info.name);
+    };
+    let written = target.replace(&floor.to_png());
+    written.with_context(|| not_written(&args.output))?;
+    let fewer = if seen < args.learn {
+        format!(", which are all ({} were asked for)", args.learn)
+    } else {
+        String::new()
+    };
+    let noise = floor.median_noise().map_or("unknown".to_owned(), |noise| {
+        format!("{noise:.2} grey levels")
+    });
+    let (width, height) = (info.size.width, info.size.height);
+    writeln!(
+        out,
+        "{}: {width} x {height}, learned from {seen} frames{fewer}; median noise {noise}",
+        args.output.display()
+    )
+    .context("standard output")
+}
+
+/// Gives the learner frames until it has enough of them (true) or no more come.
+fn learn(
+    learner: &mut Learner,
+    info: &SourceInfo,
+    frames: &Receiver<Slot>,
+    to_capture: &SyncSender<Slot>,
+    stop: &AtomicBool,
+) -> anyhow::Result<bool> {
+    let mut picture = Picture::new(info.size);
+    loop {
+        let slot = match frames.recv_timeout(POLL) {
+            Ok(slot) => slot,
+            Err(RecvTimeoutError::Timeout) if !stop.load(Ordering::Relaxed) => continue,
+            Err(_) => return Ok(false),
+        };
+        let sequence = slot.frame.sequence;
+        let decoded = decode(&slot.frame, &mut picture);
+        // A run does not learn from a frame that was passed over either.
+        let passed_over = slot.passed_over;
+        drop(to_capture.try_send(slot));
+        match decoded {
+            _ if passed_over => {}
+            Ok(()) if learner.add(&picture) => return Ok(true),
+            Ok(()) => {}
+            Err(error) if info.live => {
+                tell(format_args!(
+                    "overcam: frame {sequence} is passed over: {error}"
+                ));
+            }
+            Err(error) => {
+                return Err(error).with_context(|| format!("{}: frame {sequence}", info.name));
+            }
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Ok(false);
+        }
+    }
+}
+
+fn not_written(path: &Path) -> String {
+    let path = path.display();
+    format!("{path} cannot be written; choose a file in a folder that you may write to")
+}
+
+/// A new file that takes the place of an old one only when it is whole. Dropped before that, it is removed.
+#[derive(Debug)]
+struct Replacement {
+    path: PathBuf,
+    temporary: PathBuf,
+    file: File,
+}
+
+impl Replacement {
+    /// Starts the new file beside the old one.
+    fn create(path: &Path) -> io::Result<Self> {
+        // A link stays one: what it leads to is replaced.
+        let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        if path.exists() && !path.is_file() {
+            return Err(io::Error::other("it is there and is no regular file"));
+        }
+        let name = path
+            .file_name()
+            .ok_or_else(|| io::Error::other("it names no file"))?;
+        let mut temporary = std::ffi::OsString::from(".");
+        temporary.push(name);
+        temporary.push(format!(".{}", std::process::id()));
+        let temporary = path.with_file_name(temporary);
+        Ok(Self {
+            file: File::create_new(&temporary)?,
+            path,
+            temporary,
+        })
+    }
+
+    /// Puts the new file in the place of the old one.
+    fn replace(mut self, content: &[u8]) -> io::Result<()> {
+        self.file.write_all(content)?;
+        self.file.sync_all()?;
+        fs::rename(&self.temporary, &self.path)
+    }
+}
+
+impl Drop for Replacement {
+    fn drop(&mut self) {
+        // After it was renamed there is nothing to remove.
+        let _ = fs::remove_file(&self.temporary);
+    }
+}
