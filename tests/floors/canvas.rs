@@ -17,6 +17,8 @@ pub(crate) struct Canvas {
     pub(crate) pixels: Vec<Colour>,
     /// The bodies, in the order in which they were drawn.
     pub(crate) bodies: Vec<Region>,
+    /// Points that lie in some body.
+    pub(crate) truth: Vec<u16>,
     /// Share of the light that arrives on the floor at each pixel.
     pub(crate) light_left: Vec<f32>,
 }
@@ -36,6 +38,7 @@ impl Canvas {
             size,
             pixels: floor.pixels(size),
             bodies: Vec::new(),
+            truth: vec![0; size.area()],
             light_left: vec![1.0; size.area()],
         }
     }
@@ -48,9 +51,20 @@ impl Canvas {
         }
         for body in bodies {
             canvas.draw(body);
-            canvas.bodies.push(Region::of_body(body, self.size));
+            let region = Region::of_body(body, self.size);
+            region.add_to(&mut canvas.truth, self.size.width);
+            canvas.bodies.push(region);
         }
         canvas
+    }
+
+    /// A floor to which all belongs that stands here now.
+    pub(crate) fn as_floor(&self) -> Self {
+        Self {
+            bodies: Vec::new(),
+            truth: vec![0; self.size.area()],
+            ..self.clone()
+        }
     }
 
     /// Mean colour of all pixels.
@@ -178,4 +192,51 @@ fn weighted(line: &[[f32; 4]], at: usize) -> [f32; 4] {
         }
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::{Paint, Shape, WHITE};
+    use crate::shadow::neutral;
+
+    #[test]
+    fn things_and_their_truth_are_where_they_should_be() {
+        let size = Size {
+            width: 80,
+            height: 60,
+        };
+        let body = Body {
+            shape: Shape::Disc(10.0),
+            paint: Paint::Plain(WHITE),
+            at: [20.3, 30.6],
+            heading_rad: 1.0,
+        };
+        let shadow = Shadow::of(&body, [30.0, 0.0], neutral(0.6), 4.0);
+        let canvas = Canvas::new(Floor::Grey, size).with(&[body], &[shadow]);
+        let area_px = canvas.bodies[0].area() as f32 / 16.0;
+        assert!(
+            (area_px / (100.0 * std::f32::consts::PI) - 1.0).abs() < 0.01,
+            "{area_px}"
+        );
+        let at = |x: usize, y: usize| canvas.pixels[y * size.width + x][0];
+        assert!((at(20, 30) - WHITE[0]).abs() < 0.1);
+        assert!((at(50, 30) - 72.0).abs() < 0.1);
+        assert!((at(75, 30) - 120.0).abs() < 0.1);
+        // Brightness is neither won nor lost at the edge: what the disc adds is its area times its contrast.
+        let added: f32 = canvas.pixels[..]
+            .chunks_exact(size.width)
+            .flat_map(|row| &row[..35])
+            .map(|pixel| pixel[0] - 120.0)
+            .sum();
+        let expected = area_px * (WHITE[0] - 120.0);
+        assert!(
+            (added / expected - 1.0).abs() < 0.01,
+            "{added}, not {expected}"
+        );
+        // Half of the light that the shadow takes is missing at its edge, 10 px from its centre.
+        let left = canvas.light_left[31 * size.width + 60];
+        assert!((left - 0.8).abs() < 0.05, "{left}");
+        assert!((canvas.light_left[31 * size.width + 50] - 0.6).abs() < 1e-3);
+    }
 }

@@ -16,7 +16,7 @@ const SIZE: Size = Size {
 };
 
 /// Frame in which the things that are in the background leave.
-const LEAVING: usize = 30;
+const LEAVING: usize = 15;
 
 /// Frames until their places must be floor again.
 const FREED: usize = 2 * RATE_HZ;
@@ -39,10 +39,9 @@ fn a_ghost_is_freed_and_a_parked_robot_stays() {
     let mut demands = Demands::default();
     for floor in Floor::ALL {
         let empty = Canvas::new(floor, SIZE);
-        let background = empty.with(&leaving, &[]);
         // What stands in the background is not reported: only the parked robot is true.
-        let mut before = background.with(&[parked], &[]);
-        before.bodies.drain(..leaving.len());
+        let background = empty.with(&leaving, &[]).as_floor();
+        let before = background.with(&[parked], &[]);
         let after = empty.with(&[parked], &[]);
         for learned in [true, false] {
             let camera = Camera::new(3.0, Encoding::Rgb);
@@ -52,7 +51,7 @@ fn a_ghost_is_freed_and_a_parked_robot_stays() {
                 Play::given(camera, &background)
             };
             let (mut lost, mut freed, mut n_late) = (LongestRun::default(), 0, 0);
-            for frame in 0..LEAVING + FREED + RATE_HZ {
+            for frame in 0..LEAVING + FREED + RATE_HZ / 2 {
                 let canvas = if frame < LEAVING { &before } else { &after };
                 let judged = Judged::new(play.show(canvas, &Light::EVEN), canvas);
                 lost.add(!judged.sees(0));

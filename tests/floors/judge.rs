@@ -125,6 +125,41 @@ impl Region {
             .sum()
     }
 
+    /// Number of points that it shares with another region.
+    fn shared_with(&self, other: &Self) -> u64 {
+        let columns = |region: &Self| region.left..region.left + region.width;
+        let rows = |region: &Self| region.top..region.top + region.bits.len() / region.width.max(1);
+        let (left, right) = (
+            self.left.max(other.left),
+            columns(self).end.min(columns(other).end),
+        );
+        let (top, bottom) = (self.top.max(other.top), rows(self).end.min(rows(other).end));
+        if left >= right {
+            return 0;
+        }
+        let row = |region: &'_ Self, y: usize| {
+            let start = (y - region.top) * region.width + left - region.left;
+            start..start + right - left
+        };
+        (top..bottom)
+            .flat_map(|y| {
+                self.bits[row(self, y)]
+                    .iter()
+                    .zip(&other.bits[row(other, y)])
+            })
+            .map(|(a, b)| u64::from((a & b).count_ones()))
+            .sum()
+    }
+
+    /// Adds its points to a picture's.
+    pub(crate) fn add_to(&self, points: &mut [u16], picture_width: usize) {
+        for (start, row) in self.rows(picture_width) {
+            for (all, bits) in points[start..].iter_mut().zip(row) {
+                *all |= bits;
+            }
+        }
+    }
+
     /// Its rows, and where each begins in a picture.
     fn rows(&self, picture_width: usize) -> impl Iterator<Item = (usize, &[u16])> {
         self.bits
@@ -140,25 +175,12 @@ fn points() -> impl Iterator<Item = (f32, f32)> {
         .flat_map(|dy| SUBSAMPLES.into_iter().map(move |dx| (dx, dy)))
 }
 
-/// All points of a picture that lie in a region.
-fn union<'a>(regions: impl Iterator<Item = &'a Region>, size: Size) -> Vec<u16> {
-    let mut all = vec![0; size.area()];
-    for region in regions {
-        for (start, row) in region.rows(size.width) {
-            for (all, bits) in all[start..].iter_mut().zip(row) {
-                *all |= bits;
-            }
-        }
-    }
-    all
-}
-
 /// One frame's scene beside its truth.
 pub(crate) struct Judged<'a> {
     canvas: &'a Canvas,
     /// Objects that were observed, and what their outlines enclose.
     pub(crate) observed: Vec<(&'a Object, Region)>,
-    truth: Vec<u16>,
+    /// Points that lie in some outline.
     found: Vec<u16>,
 }
 
@@ -170,22 +192,23 @@ impl<'a> Judged<'a> {
             .filter(|object| object.observed())
             .map(|object| (object, Region::of_polygon(object.outline(), canvas.size)))
             .collect();
+        let mut found = vec![0; canvas.size.area()];
+        for (_, region) in &observed {
+            region.add_to(&mut found, canvas.size.width);
+        }
         Self {
-            truth: union(canvas.bodies.iter(), canvas.size),
-            found: union(observed.iter().map(|(_, region)| region), canvas.size),
             canvas,
             observed,
+            found,
         }
     }
 
     /// Whether a body was seen as one object.
     pub(crate) fn sees(&self, body: usize) -> bool {
-        let width = self.canvas.size.width;
-        let body = union([&self.canvas.bodies[body]].into_iter(), self.canvas.size);
-        let body_area: u64 = body.iter().map(|bits| u64::from(bits.count_ones())).sum();
+        let body = &self.canvas.bodies[body];
         self.observed.iter().any(|(_, region)| {
-            let shared = region.shared(&body, width);
-            shared as f64 >= SAME_OVERLAP_MIN * (region.area() + body_area - shared) as f64
+            let shared = region.shared_with(body);
+            shared as f64 >= SAME_OVERLAP_MIN * (region.area() + body.area() - shared) as f64
         })
     }
 
@@ -194,7 +217,7 @@ impl<'a> Judged<'a> {
         self.observed
             .iter()
             .filter(|(_, region)| {
-                let filled = region.shared(&self.truth, self.canvas.size.width);
+                let filled = region.shared(&self.canvas.truth, self.canvas.size.width);
                 filled == 0 || (filled as f64) < TRUE_SHARE_MIN * region.area() as f64
             })
             .map(|(object, _)| *object)
@@ -226,6 +249,7 @@ impl<'a> Judged<'a> {
         let Size { width, height } = self.canvas.size;
         let mut near = vec![false; width * height];
         for (i, _) in self
+            .canvas
             .truth
             .iter()
             .enumerate()
@@ -272,7 +296,7 @@ pub(crate) struct MaskScore {
 
 impl MaskScore {
     pub(crate) fn add(&mut self, judged: &Judged) {
-        for (truth, found) in judged.truth.iter().zip(&judged.found) {
+        for (truth, found) in judged.canvas.truth.iter().zip(&judged.found) {
             self.hit += u64::from((truth & found).count_ones());
             self.truth += u64::from(truth.count_ones());
             self.found += u64::from(found.count_ones());
@@ -336,15 +360,19 @@ fn polygons_are_filled_on_points() {
     let square = [[3.5, 2.5], [9.5, 2.5], [9.5, 6.5], [3.5, 6.5]];
     let region = Region::of_polygon(&square, size);
     assert_eq!(region.area(), 6 * 4 * 16);
-    let all = union([&region].into_iter(), size);
+    let mut all = vec![0; size.area()];
+    region.add_to(&mut all, size.width);
     assert_eq!(all.iter().filter(|bits| **bits == u16::MAX).count(), 24);
     assert_eq!(
         (all[3 * 20 + 4], all[3 * 20 + 3], all[6 * 20 + 9]),
         (u16::MAX, 0, u16::MAX)
     );
+    assert_eq!(region.shared(&all, 20), region.area());
     // Half of it, and the part of one that sticks out of the picture.
     let triangle = [[3.5, 2.5], [9.5, 6.5], [3.5, 6.5]];
-    let half = Region::of_polygon(&triangle, size).area() as f64;
+    let triangle = Region::of_polygon(&triangle, size);
+    assert_eq!(triangle.shared_with(&region), triangle.area());
+    let half = triangle.area() as f64;
     assert!((half / (3.0 * 4.0 * 16.0) - 1.0).abs() < 0.06, "{half}");
     let outside = [[-5.0, -5.0], [1.5, -5.0], [1.5, 1.5], [-5.0, 1.5]];
     assert_eq!(Region::of_polygon(&outside, size).area(), 4 * 16);

@@ -26,13 +26,24 @@ impl Light {
         }
     }
 
-    /// Factor, the same for all colours, at a place given in shares of the width and height.
-    pub(crate) fn field(&self, x: f32, y: f32) -> f32 {
-        let slope = 1.0 + self.slope[0] * (x - 0.5) + self.slope[1] * (y - 0.5);
-        if self.lamp == 0.0 {
-            return slope;
+    /// Lights a row of pixels at a height given as a share of the picture's.
+    pub(crate) fn fall_on(&self, row: &[[f32; 3]], y: f32, lit: &mut [[f32; 3]]) {
+        let middle = 1.0 + self.slope[1] * (y - 0.5) - 0.5 * self.slope[0];
+        let step = self.slope[0] / row.len() as f32;
+        for (x, (lit, colour)) in lit.iter_mut().zip(row).enumerate() {
+            let field = middle + step * x as f32;
+            *lit = [
+                colour[0] * self.gain[0] * field,
+                colour[1] * self.gain[1] * field,
+                colour[2] * self.gain[2] * field,
+            ];
         }
-        let distance2 = (x - 0.2).powi(2) + (y - 0.3).powi(2);
-        slope * (1.0 + self.lamp * (-distance2 / 0.18).exp())
+        if self.lamp > 0.0 {
+            for (x, lit) in lit.iter_mut().enumerate() {
+                let distance2 = (x as f32 / row.len() as f32 - 0.2).powi(2) + (y - 0.3).powi(2);
+                let more = 1.0 + self.lamp * (-distance2 / 0.18).exp();
+                *lit = lit.map(|value| value * more);
+            }
+        }
     }
 }

@@ -18,7 +18,7 @@ const SIZE: Size = Size {
 };
 
 /// Frames before something changes.
-const BEFORE: usize = 20;
+const BEFORE: usize = 10;
 
 /// A parked plate, a parked black disc and a red box that drives.
 fn robots(frame: usize) -> [Body; 3] {

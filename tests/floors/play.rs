@@ -1,5 +1,7 @@
 //! A pipeline that is shown drawn scenes.
 
+use std::sync::LazyLock;
+
 use imgproc::Size;
 use overcam::frame::{Picture, decode};
 use overcam::marker::{Family, built_in_files};
@@ -14,6 +16,10 @@ use crate::light::Light;
 
 /// Frames per second.
 pub(crate) const RATE_HZ: usize = 30;
+
+/// Drawing its references takes as long as twenty frames.
+static FAMILY: LazyLock<Family> =
+    LazyLock::new(|| Family::from_files(&built_in_files()).expect("the built-in family is usable"));
 
 /// The whole program between camera and planner.
 pub(crate) struct Play {
@@ -45,13 +51,12 @@ impl Play {
     }
 
     fn new(camera: Camera, size: Size) -> Self {
-        let family = Family::from_files(&built_in_files()).expect("the built-in family is usable");
         Self {
             pipeline: Pipeline::new(
                 size,
                 Some(RATE_HZ as f64),
                 Settings::default(),
-                family,
+                FAMILY.clone(),
                 None,
             ),
             camera,

@@ -3,6 +3,8 @@
 //! What counts as soft and hard is decided by the light that is left at each pixel, so that the penumbra of a hard shadow
 //! counts as what it is.
 
+use overcam::frame::Frame;
+
 use crate::body::{BLACK, Body, Paint, Shape};
 use crate::camera::{Camera, Encoding};
 use crate::canvas::Canvas;
@@ -193,4 +195,25 @@ fn shadows_before_other_cameras_are_reported() {
     judge(Kind::Soft, Encoding::Grey, false);
     judge(Kind::Soft, Encoding::I420, false);
     judge(Kind::Hard, Encoding::Jpeg(80), false);
+}
+
+#[test]
+#[ignore = "draws pictures to look at: FLOORS_PICTURES=DIR cargo test --test floors pictures -- --ignored"]
+fn pictures_of_the_scenes_are_drawn() {
+    let folder = std::env::var_os("FLOORS_PICTURES").expect("FLOORS_PICTURES names a folder");
+    let folder = std::path::Path::new(&folder);
+    for floor in Floor::ALL {
+        let empty = Canvas::new(floor, VGA);
+        for kind in [Kind::Soft, Kind::Hard] {
+            let objects = objects(0, &empty);
+            let canvas = empty.with(&objects, &kind.cast(0, &objects));
+            let mut frame = Frame::empty();
+            Camera::new(3.0, Encoding::Rgb).expose(&canvas, &Light::EVEN, &mut frame);
+            let (width, height) = (VGA.width as u32, VGA.height as u32);
+            let picture = image::RgbImage::from_raw(width, height, frame.bytes);
+            let path = folder.join(format!("{floor:?}-{kind:?}.png"));
+            let picture = picture.expect("as many bytes as pixels");
+            picture.save(path).expect("the folder can be written to");
+        }
+    }
 }
