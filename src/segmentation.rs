@@ -9,14 +9,14 @@ mod lighting;
 mod upkeep;
 
 use imgproc::classes::{
-    BLACK, BRIGHT, ClassSettings, Difference, FLOOR, SHADE, STRONG, WindowsMut, classes,
+    BLACK, BRIGHT, COLOURED, ClassSettings, Difference, FLOOR, SHADE, STRONG, WindowsMut, classes,
 };
 use imgproc::contour::{
     Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
 };
 use imgproc::difference::{Colour, DifferenceMut, Gains, difference};
 use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
-use imgproc::texture::{Visibility, visibility};
+use imgproc::texture::{Textures, TexturesMut, Visibility, textures, visibility};
 use imgproc::{Bounds, Point, Size};
 
 use crate::floor::{Floor, denoise};
@@ -28,20 +28,19 @@ use lighting::Lighting;
 use upkeep::Upkeep;
 
 /// The floor's texture is looked for at about this many places of a frame at most.
-const TEXTURE_PROBES_MAX: usize = 3000;
+const TEXTURE_PROBES_MAX: usize = 1500;
 
-/// From this visibility of the floor's texture on, the floor is seen, in whatever light. Beside the border of a shadow about half
-/// of it is.
-const FLOOR_SHOWS: f32 = 0.3;
+/// From this share of the floor's texture on, the floor is seen, in whatever light.
+const FLOOR_SHOWS: f32 = 0.4;
 
-/// Below this visibility something covers the floor.
-const FLOOR_HIDDEN: f32 = 0.12;
+/// That the floor's texture is seen must be this sure, in standard deviations.
+const SEEN_LEAST: f32 = 3.0;
 
-/// Least signal from which a visibility tells anything.
-const SIGNAL_LEAST: f32 = 7.0;
+/// Below this share of the floor's texture something covers it. Compression takes texture away too.
+const FLOOR_HIDDEN: f32 = 0.2;
 
-/// Least signal that makes a shadow an object. Compression takes texture away too.
-const SIGNAL_SURE: f32 = 12.0;
+/// In a shadow at least this share is seen, which must be so many standard deviations away.
+const SHADOW_SHOWS: (f32, f32) = (0.7, 4.0);
 
 /// Pixels around objects that do not tell how the floor looks: an object blurs, and lights up what is beside it.
 const MARGIN_PX: usize = 3;
@@ -100,6 +99,9 @@ struct Planes {
     light_window: Vec<i16>,
     red_window: Vec<i16>,
     blue_window: Vec<i16>,
+    ratio: Vec<u16>,
+    texture: Vec<i16>,
+    floor_texture: Vec<i16>,
 }
 
 impl Segmenter {
@@ -126,6 +128,9 @@ impl Segmenter {
                 light_window: words(),
                 red_window: words(),
                 blue_window: words(),
+                ratio: vec![0; size.area()],
+                texture: words(),
+                floor_texture: words(),
             },
             class: bytes(),
             own: bytes(),
@@ -197,6 +202,7 @@ impl Segmenter {
             light_window,
             red_window,
             blue_window,
+            ..
         } = &mut self.planes;
         let reference = self.upkeep.reference();
         let out = DifferenceMut {
@@ -235,67 +241,79 @@ impl Segmenter {
     }
 
     /// Light and shadow in which the floor's texture is seen are floor, whatever their brightness; a shadow in which it is not seen
-    /// is an object.
+    /// is an object, and so is what differs only a little.
     fn judge_texture(&mut self, settings: &SegmentationSettings) {
         let Size { width, height } = self.size;
-        let open = |class: u8| matches!(class & !STRONG, BRIGHT | BLACK | SHADE);
+        let open =
+            |class: u8| matches!(class & !STRONG, BRIGHT | BLACK | SHADE) || class == COLOURED;
         let candidates = self.class.iter().filter(|&&class| open(class)).count();
         if candidates == 0 {
             return;
         }
-        let side = (2..=32)
+        let side = (4..=32)
             .step_by(2)
             .find(|side| candidates / (side * side) <= TEXTURE_PROBES_MAX)
             .unwrap_or(32);
+        let Planes {
+            level,
+            ratio,
+            texture,
+            floor_texture,
+            ..
+        } = &mut self.planes;
+        let mut out = TexturesMut {
+            ratio,
+            frame: texture,
+            floor: floor_texture,
+        };
         let floor = self.upkeep.reference().level;
+        textures(level, floor, self.size, &mut out, |i| open(self.class[i]));
+        let textures = Textures {
+            ratio,
+            frame: texture,
+            floor: floor_texture,
+        };
         let strong = (2.0 * settings.threshold) as u8;
         for y in (0..height).step_by(side) {
             for x in (0..width).step_by(side) {
                 let rows = y..(y + side).min(height);
                 let columns = x..(x + side).min(width);
-                let any = rows.clone().any(|y| {
-                    self.class[y * width + columns.start..y * width + columns.end]
-                        .iter()
-                        .any(|&class| open(class))
-                });
-                if !any {
-                    continue;
+                // What is darker than the floor and what is brighter are judged apart, each by the candidate that is next to
+                // the middle.
+                let (mut darker, mut brighter) = (Nearest::default(), Nearest::default());
+                for y in rows.clone() {
+                    let middle = (rows.start + side / 2, columns.start + side / 2);
+                    for x in columns.clone() {
+                        let i = y * width + x;
+                        if textures.ratio[i] != 0 {
+                            let distance = y.abs_diff(middle.0) + x.abs_diff(middle.1);
+                            match self.class[i] & !STRONG {
+                                BRIGHT => brighter.see(distance, (x, y)),
+                                _ => darker.see(distance, (x, y)),
+                            }
+                        }
+                    }
                 }
-                let middle = (
-                    (x + side / 2).min(width - 1),
-                    (y + side / 2).min(height - 1),
-                );
-                // Sum of three channels in sixteenths of a level.
-                let noise = f32::from(self.upkeep.noise()[middle.1 * width + middle.0]).max(4.0)
-                    / 8.0
-                    * 16.0
-                    * 1.8;
-                let level = &self.planes.level;
-                // What is darker than the floor is compared apart from the floor beside it, and from what is brighter.
-                let of = |kind: fn(u8) -> bool| {
-                    let counts = |i: usize| kind(self.class[i]);
-                    visibility(level, floor, self.size, middle, noise, SIGNAL_LEAST, counts)
-                };
-                let darker = of(|class| matches!(class & !STRONG, BLACK | SHADE));
-                let brighter = of(|class| class & !STRONG == BRIGHT);
+                let judge = |nearest: Nearest| visibility(textures, self.size, nearest.at?);
+                let (darker, brighter) = (judge(darker), judge(brighter));
                 for y in rows {
                     for i in y * width + columns.start..y * width + columns.end {
                         let class = &mut self.class[i];
-                        // By one and a half standard deviations at least; what is brighter may be white and bear texture of its own.
-                        let shows = |visible: Option<Visibility>, signal_least: f32| {
-                            visible.is_some_and(|Visibility { share, signal }| {
-                                signal >= signal_least && share > FLOOR_SHOWS + 1.5 / signal
-                            })
-                        };
                         match *class & !STRONG {
-                            BRIGHT if shows(brighter, 2.0 * SIGNAL_SURE) => *class = SHADE,
-                            BLACK if shows(darker, SIGNAL_LEAST) => *class = SHADE,
-                            SHADE
-                                if darker.is_some_and(|visible| {
-                                    visible.share < FLOOR_HIDDEN && visible.signal >= SIGNAL_SURE
-                                }) =>
+                            // What is brighter may be white and bear a texture of its own.
+                            BRIGHT
+                                if brighter.is_some_and(|seen| shows(seen, 2.0 * SEEN_LEAST)) =>
                             {
+                                *class = SHADE;
+                            }
+                            BLACK if darker.is_some_and(|seen| shows(seen, SEEN_LEAST)) => {
+                                *class = SHADE;
+                            }
+                            SHADE if darker.is_some_and(hides) => {
                                 *class = BLACK + if self.own[i] >= strong { STRONG } else { 0 };
+                            }
+                            COLOURED if *class & STRONG == 0 && darker.is_some_and(hides) => {
+                                *class |= STRONG;
                             }
                             _ => {}
                         }
@@ -410,6 +428,35 @@ impl Segmenter {
             std::mem::swap(&mut self.covered, &mut self.scratch);
         }
     }
+}
+
+/// The place of a candidate that is nearest to some point.
+#[derive(Debug, Default)]
+struct Nearest {
+    distance: usize,
+    at: Option<(usize, usize)>,
+}
+
+impl Nearest {
+    fn see(&mut self, distance: usize, at: (usize, usize)) {
+        if self.at.is_none() || distance < self.distance {
+            *self = Self {
+                distance,
+                at: Some(at),
+            };
+        }
+    }
+}
+
+/// Whether the floor is seen.
+fn shows(texture: Visibility, seen_least: f32) -> bool {
+    texture.share > FLOOR_SHOWS && texture.seen > seen_least
+}
+
+/// Whether something covers the floor.
+fn hides(texture: Visibility) -> bool {
+    let (shadow, deviations) = SHADOW_SHOWS;
+    texture.share < FLOOR_HIDDEN && (shadow - texture.share) * texture.visible > deviations
 }
 
 /// Whether an object was near `bounds` in the frame before.

@@ -110,11 +110,6 @@ impl Upkeep {
         &self.channels
     }
 
-    /// Standard deviation of a pixel in eighths of a level.
-    pub(super) fn noise(&self) -> &[u8] {
-        &self.noise
-    }
-
     /// Moves a band of rows towards the frame, where `covered` is 0; elsewhere the floor changes as its neighbours do.
     pub(super) fn follow(&mut self, frame: &Picture, gains: Gains, covered: &[u8]) {
         let Size { width, height } = self.size;

@@ -207,8 +207,20 @@ fn pictures_of_the_scenes_are_drawn() {
         for kind in [Kind::Soft, Kind::Hard] {
             let objects = objects(0, &empty);
             let canvas = empty.with(&objects, &kind.cast(0, &objects));
+            let mut play = Play::learned(Camera::new(3.0, Encoding::Rgb), &empty);
+            let outlines: Vec<_> = play
+                .show(&canvas, &Light::EVEN)
+                .objects()
+                .iter()
+                .flat_map(|object| object.outline().to_vec())
+                .collect();
             let mut frame = Frame::empty();
             Camera::new(3.0, Encoding::Rgb).expose(&canvas, &Light::EVEN, &mut frame);
+            for [x, y] in outlines {
+                let (x, y) = (x.max(0.0) as usize, y.max(0.0) as usize);
+                let i = 3 * (y.min(VGA.height - 1) * VGA.width + x.min(VGA.width - 1));
+                frame.bytes[i..i + 3].copy_from_slice(&[255, 0, 0]);
+            }
             let (width, height) = (VGA.width as u32, VGA.height as u32);
             let picture = image::RgbImage::from_raw(width, height, frame.bytes);
             let path = folder.join(format!("{floor:?}-{kind:?}.png"));
