@@ -24,7 +24,7 @@ use crate::frame::Picture;
 use crate::marker::cutout::contour_capacity;
 use ghosts::{Ghosts, looks_left};
 pub(crate) use lighting::Light;
-use lighting::Lighting;
+use lighting::{Lighting, SETTLE_FRAMES};
 use upkeep::Upkeep;
 
 /// The floor's texture is looked for at about this many places of a frame at most.
@@ -47,6 +47,9 @@ const MARGIN_PX: usize = 3;
 
 /// How far an object may have moved since the frame before, in pixels, while nothing new counts.
 const KNOWN_WITHIN_PX: u16 = 10;
+
+/// After so many frames in one light the floor is worth remembering when that changes.
+const STEADY_LEAST: u32 = 30;
 
 /// What decides what an object is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,6 +86,10 @@ pub(crate) struct Segmenter {
     scratch: Vec<u8>,
     /// The mask of the frame before.
     previous: Vec<u8>,
+    /// The mask of the last frame before the light changed.
+    before: Vec<u8>,
+    /// Frames in a row without a change of the light.
+    steady: u32,
     /// Everything in the frame before that was no floor, and what is beside it.
     covered: Vec<u8>,
     contour: Vec<Point>,
@@ -137,6 +144,8 @@ impl Segmenter {
             mask: bytes(),
             scratch: bytes(),
             previous: bytes(),
+            before: bytes(),
+            steady: STEADY_LEAST,
             covered: bytes(),
             contour: vec![Point::default(); contour_capacity(size)],
             spans: vec![Span::default(); span_capacity(size)],
@@ -153,6 +162,8 @@ impl Segmenter {
         self.lighting = Lighting::new();
         self.ghosts = Ghosts::new();
         self.previous.fill(0);
+        self.before.fill(0);
+        self.steady = STEADY_LEAST;
         self.covered.fill(0);
     }
 
@@ -175,11 +186,8 @@ impl Segmenter {
             self.mask.fill(0);
             return (&mut self.mask, light, gains);
         }
-        if let Light::Changed { frames_left } = light
-            && frames_left.is_multiple_of(4)
-        {
-            self.upkeep.relight(&self.denoised, gains, &self.previous);
-        }
+        let light = self.follow_light(light);
+        let gains = self.lighting.gains;
         self.classify(gains, settings);
         self.judge_texture(settings);
         self.make_mask();
@@ -190,6 +198,37 @@ impl Segmenter {
             self.upkeep.follow(&self.denoised, gains, &self.covered);
         }
         (&mut self.mask, light, gains)
+    }
+
+    /// Brings the floor into the light of the frame, if that has just changed.
+    fn follow_light(&mut self, mut light: Light) -> Light {
+        let Light::Changed { frames_left } = light else {
+            self.steady = match light {
+                Light::Steady => self.steady.saturating_add(1),
+                _ => self.steady,
+            };
+            return light;
+        };
+        if frames_left + 1 == SETTLE_FRAMES {
+            // The light has been this way before, or what covered half of the picture is gone.
+            if self.upkeep.recall(&self.denoised, &self.covered) {
+                let floor = self.upkeep.channels();
+                light = self
+                    .lighting
+                    .return_to(&self.denoised, floor, &self.covered);
+            } else if self.steady >= STEADY_LEAST {
+                self.upkeep.remember();
+            }
+            if self.steady > 0 {
+                self.before.copy_from_slice(&self.previous);
+            }
+        }
+        self.steady = 0;
+        if frames_left.is_multiple_of(4) || frames_left + 1 == SETTLE_FRAMES {
+            let gains = self.lighting.gains;
+            self.upkeep.relight(&self.denoised, gains, &self.before);
+        }
+        light
     }
 
     /// Writes the class of each pixel.
@@ -392,7 +431,9 @@ impl Segmenter {
                     && looks_left(contour, &self.denoised, self.upkeep.channels(), size)
                     && self.ghosts.sighted(removed.bounds);
                 let new = match light {
-                    Light::Changed { .. } => !known(&self.previous, size, removed.bounds),
+                    Light::Changed { .. } => ![&self.previous, &self.before]
+                        .into_iter()
+                        .any(|mask| known(mask, size, removed.bounds)),
                     _ => false,
                 };
                 if ghost || light == (Light::Changed { frames_left: 0 }) && new {

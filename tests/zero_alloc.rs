@@ -205,31 +205,22 @@ fn make_dirty(pipeline: &mut Pipeline, background: &floor::Floor) {
         (state >> 56) as u8
     };
     let speckled: Vec<u8> = (0..n_bytes).map(|_| noise()).collect();
+    let blocks = |i: usize| {
+        let (x, y) = (i / 3 % NATURAL_SIZE.width, i / 3 / NATURAL_SIZE.width);
+        if (x / 20 + y / 20).is_multiple_of(2) {
+            250
+        } else {
+            20
+        }
+    };
+    let blocks: Vec<u8> = (0..n_bytes).map(blocks).collect();
     let picture = &background.picture;
     let planes = picture.red.iter().zip(&picture.green).zip(&picture.blue);
     let empty: Vec<u8> = planes.flat_map(|((r, g), b)| [*r, *g, *b]).collect();
-    // Few enough that the median of the picture is the floor's: more would be another light.
-    let mut blocks = empty.clone();
-    for (i, value) in blocks.iter_mut().enumerate() {
-        let (x, y) = (i / 3 % NATURAL_SIZE.width, i / 3 / NATURAL_SIZE.width);
-        if (x / 20).is_multiple_of(3) && (y / 20).is_multiple_of(3) {
-            *value = if (x / 60 + y / 60).is_multiple_of(2) {
-                250
-            } else {
-                20
-            };
-        }
-    }
-    // A quarter of the floor under specks: more would be another light too.
-    let mut specks = empty.clone();
-    for (i, value) in specks.iter_mut().enumerate() {
-        if i % (3 * NATURAL_SIZE.width) < 3 * NATURAL_SIZE.width / 4 {
-            *value = speckled[i];
-        }
-    }
 
     let mut most_objects = 0;
-    let dirty = [&specks, &blocks].into_iter();
+    let white = vec![255; n_bytes];
+    let dirty = [&speckled, &blocks, &white].into_iter();
     let frames = dirty.cycle().take(6).chain([&empty; 30]);
     for (sequence, bytes) in frames.enumerate() {
         slot.frame.bytes.clone_from(bytes);

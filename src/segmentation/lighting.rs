@@ -67,21 +67,13 @@ impl Lighting {
         floor: &[Vec<u16>; 3],
         covered: &[u8],
     ) -> Light {
-        let stride = (frame.size.area() / SAMPLES).max(1) | 1;
-        let fit = |channel: &[u8], floor: &[u16], last: f32| {
-            channel_gain(channel, floor, covered, stride).unwrap_or(last)
-        };
-        let now = [
-            fit(&frame.red, &floor[0], self.gains.red),
-            fit(&frame.green, &floor[1], self.gains.green),
-            fit(&frame.blue, &floor[2], self.gains.blue),
-        ];
+        let fitted = fit(frame, floor, covered, self.gains);
+        let now = [fitted.red, fitted.green, fitted.blue];
         if now.iter().sum::<f32>() < 3.0 * DARK {
             self.dark = true;
             return Light::Dark;
         }
-        let [red, green, blue] = now;
-        self.gains = Gains { red, green, blue };
+        self.gains = fitted;
         let stepped = now.iter().zip(self.usual).any(|(now, usual)| {
             let factor = now / usual.max(1e-3);
             !(1.0 / STEP..=STEP).contains(&factor)
@@ -110,5 +102,32 @@ impl Lighting {
         Light::Changed {
             frames_left: self.settling,
         }
+    }
+
+    /// The light is one that the floor is now in again: nothing has to settle but this frame, whose exposure may have begun before.
+    pub(super) fn return_to(
+        &mut self,
+        frame: &Picture,
+        floor: &[Vec<u16>; 3],
+        covered: &[u8],
+    ) -> Light {
+        self.settling = 0;
+        let fitted = fit(frame, floor, covered, self.gains);
+        self.gains = fitted;
+        self.usual = [fitted.red, fitted.green, fitted.blue];
+        Light::Changed { frames_left: 0 }
+    }
+}
+
+/// The factor of each channel between a frame and a floor where `covered` is 0; `unless` too little is seen.
+pub(super) fn fit(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8], unless: Gains) -> Gains {
+    let stride = (frame.size.area() / SAMPLES).max(1) | 1;
+    let of = |channel: &[u8], floor: &[u16], last: f32| {
+        channel_gain(channel, floor, covered, stride).unwrap_or(last)
+    };
+    Gains {
+        red: of(&frame.red, &floor[0], unless.red),
+        green: of(&frame.green, &floor[1], unless.green),
+        blue: of(&frame.blue, &floor[2], unless.blue),
     }
 }

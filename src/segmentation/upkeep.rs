@@ -5,7 +5,7 @@
 //! * Where the floor is seen, it follows the frames slowly ([`Upkeep::follow`]). Where something stands, it is scaled as the
 //!   floor beside it is: light that moves over a room goes on under a robot.
 //! * When the light has changed at once, a coarse field of ratios is fitted to all that is not covered
-//!   ([`Upkeep::relight`]).
+//!   ([`Upkeep::relight`]). The floor in the light before is remembered, and returns with that light ([`Upkeep::recall`]).
 //! * What turned out to be floor is taken over from the frame ([`Upkeep::take`]): a place that an object has left.
 //! * A new picture replaces everything ([`Upkeep::set`]).
 
@@ -14,6 +14,7 @@ use imgproc::{Bounds, Size};
 
 use crate::floor::Floor;
 use crate::frame::Picture;
+use crate::segmentation::lighting::fit;
 
 /// In this many frames every row is looked after once.
 const BANDS: usize = 32;
@@ -33,6 +34,15 @@ const CELLS_MAX: usize = 32;
 /// Least share of a cell that must be seen to tell its light.
 const SEEN_LEAST: usize = 4;
 
+/// A remembered floor must explain so much more of a frame, as a share of the picture.
+const RECALL_LEAST: f32 = 0.1;
+
+/// A pixel is explained by a floor within so many levels.
+const EXPLAINED_WITHIN: f32 = 6.0;
+
+/// One pixel in so many is asked what explains a frame; no divisor of usual widths.
+const EXPLAINED_STRIDE: usize = 37;
+
 /// What pixels vary without anything standing on them, see [`NoiseSettings`].
 const NOISE: NoiseSettings = NoiseSettings {
     least: 1.5,
@@ -47,6 +57,9 @@ pub(super) struct Upkeep {
     size: Size,
     /// Red, green and blue in 256ths of a level.
     channels: [Vec<u16>; 3],
+    /// The floor in the light before the last change, if `remembers`.
+    remembered: [Vec<u16>; 3],
+    remembers: bool,
     noise: Vec<u8>,
     level: Vec<u16>,
     red_share: Vec<u16>,
@@ -63,6 +76,8 @@ impl Upkeep {
         let mut upkeep = Self {
             size,
             channels: [fine(), fine(), fine()],
+            remembered: [fine(), fine(), fine()],
+            remembers: false,
             noise: vec![0; size.area()],
             level: fine(),
             red_share: fine(),
@@ -91,6 +106,7 @@ impl Upkeep {
         }
         self.noise.copy_from_slice(&floor.noise);
         self.next_row = 0;
+        self.remembers = false;
         self.prepare(0, self.size.height);
     }
 
@@ -108,6 +124,26 @@ impl Upkeep {
     /// Red, green and blue in 256ths of a level.
     pub(super) fn channels(&self) -> &[Vec<u16>; 3] {
         &self.channels
+    }
+
+    /// Keeps a copy of the floor as it is, for when its light returns.
+    pub(super) fn remember(&mut self) {
+        for (kept, channel) in self.remembered.iter_mut().zip(&self.channels) {
+            kept.copy_from_slice(channel);
+        }
+        self.remembers = true;
+    }
+
+    /// Exchanges the floor for the remembered one if that explains more of the frame. Whether it does.
+    pub(super) fn recall(&mut self, frame: &Picture, covered: &[u8]) -> bool {
+        let better = self.remembers
+            && explained(frame, &self.remembered, covered)
+                > explained(frame, &self.channels, covered) + RECALL_LEAST;
+        if better {
+            std::mem::swap(&mut self.channels, &mut self.remembered);
+            self.prepare(0, self.size.height);
+        }
+        better
     }
 
     /// Moves a band of rows towards the frame, where `covered` is 0; elsewhere the floor changes as its neighbours do.
@@ -247,6 +283,31 @@ impl Upkeep {
             &NOISE,
         );
     }
+}
+
+/// Share of the frame that a floor explains, in whatever exposure, where `covered` is 0.
+fn explained(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8]) -> f32 {
+    let gains = fit(frame, floor, covered, Gains::NONE);
+    let factors = [gains.red, gains.green, gains.blue].map(|gain| gain / 256.0);
+    let planes = [&frame.red, &frame.green, &frame.blue];
+    let alike = |i: usize| {
+        planes
+            .iter()
+            .zip(floor)
+            .zip(factors)
+            .all(|((plane, floor), factor)| {
+                let expected = f32::from(floor[i]) * factor;
+                (f32::from(plane[i]) - expected.min(255.0)).abs()
+                    < EXPLAINED_WITHIN.max(0.06 * expected)
+            })
+    };
+    let seen = (0..covered.len())
+        .step_by(EXPLAINED_STRIDE)
+        .filter(|&i| covered[i] == 0);
+    let (n, n_alike) = seen.fold((0, 0), |(n, n_alike), i| {
+        (n + 1, n_alike + u32::from(alike(i)))
+    });
+    n_alike as f32 / (n as f32).max(1.0)
 }
 
 /// The median of each cell and its neighbours, so that an object in one of them does not count; 1 where nothing is known.
