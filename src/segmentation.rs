@@ -66,7 +66,7 @@ pub(crate) struct SegmentationSettings {
 const WEAK: f32 = 0.5;
 
 /// What a shadow may change in colour, as a share of what it changes in lightness.
-const SHADOW_TINT: f32 = 0.1;
+const SHADOW_TINT: f32 = 0.07;
 
 /// Share of an object's area that is clearly inside, and not faint.
 const CORE_LEAST: f32 = 0.05;

@@ -51,6 +51,9 @@ const CHANNEL_MAX: u16 = 2 * 255 * FINE as u16;
 /// A channel from here on may be any brighter: it is cut off by the camera.
 const SATURATED: u8 = 250;
 
+/// Most noise, in levels, that may be a sensor's; what varies more varies with what is around it.
+const SENSOR_MOST: f32 = 3.0;
+
 /// A colour picture as three planes.
 #[derive(Debug, Clone, Copy)]
 pub struct Colour<'a, T = u8> {
@@ -181,10 +184,17 @@ pub fn prepare(
             let mean = here as f32 / 768.0;
             let slope = (high - low) as f32 / (2.0 * 768.0) * settings.displacement_px;
             let varies = f32::from(noise[i]) / 8.0;
-            let common = varies * varies + settings.least * settings.least;
-            let light = common + (settings.light * mean) * (settings.light * mean) + slope * slope;
-            let colour =
-                common + (settings.colour * mean) * (settings.colour * mean) + slope * slope / 4.0;
+            let square = |x: f32| x * x;
+            // A sensor's noise is that of a pixel and a channel alone, and halves in the mean of a window and three channels;
+            // that of colour, the difference of two channels, becomes less by a quarter at least.
+            let light = square(varies - varies.min(SENSOR_MOST) / 2.0)
+                + square(settings.least)
+                + square(settings.light * mean)
+                + square(slope);
+            let colour = square(varies - varies.min(SENSOR_MOST) / 4.0)
+                + square(settings.least)
+                + square(settings.colour * mean)
+                + square(slope / 2.0);
             // At most as much as white can hold, rounded down: shares of the sum stay below 1.
             let share = |channel: u16| (u64::from(channel) * 65535 / u64::from(here.max(1))) as u16;
             out.level[i] = (here * FINE / 256) as u16;
