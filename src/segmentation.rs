@@ -33,8 +33,9 @@ const TEXTURE_PROBES_MAX: usize = 1500;
 /// From this share of the floor's texture on, the floor is seen, in whatever light.
 const FLOOR_SHOWS: f32 = 0.4;
 
-/// That the floor's texture is seen must be this sure, in standard deviations.
-const SEEN_LEAST: f32 = 3.0;
+/// That the floor's texture is seen must be this sure, in standard deviations; more so where an object was in the frame before.
+const SEEN_LEAST: f32 = 3.5;
+const SEEN_LEAST_AFTER_OBJECT: f32 = 6.0;
 
 /// Below this share of the floor's texture something covers it. Compression takes texture away too.
 const FLOOR_HIDDEN: f32 = 0.2;
@@ -338,14 +339,18 @@ impl Segmenter {
                 for y in rows {
                     for i in y * width + columns.start..y * width + columns.end {
                         let class = &mut self.class[i];
+                        let seen_least = match self.previous[i] {
+                            0 => SEEN_LEAST,
+                            _ => SEEN_LEAST_AFTER_OBJECT,
+                        };
                         match *class & !STRONG {
                             // What is brighter may be white and bear a texture of its own.
                             BRIGHT
-                                if brighter.is_some_and(|seen| shows(seen, 2.0 * SEEN_LEAST)) =>
+                                if brighter.is_some_and(|seen| shows(seen, 2.0 * seen_least)) =>
                             {
                                 *class = SHADE;
                             }
-                            BLACK if darker.is_some_and(|seen| shows(seen, SEEN_LEAST)) => {
+                            BLACK if darker.is_some_and(|seen| shows(seen, seen_least)) => {
                                 *class = SHADE;
                             }
                             SHADE if darker.is_some_and(hides) => {

@@ -43,9 +43,9 @@ const NOISE_LEAST: f32 = 96.0;
 pub struct Visibility {
     /// Share of the floor's texture that shows through, about 0 to 1.
     pub share: f32,
-    /// The share in units of its standard deviation: from 3 on it is hardly by chance.
+    /// The share in units of its standard deviation: from 4 on it is hardly by chance.
     pub seen: f32,
-    /// What `seen` would be if all of the texture showed through: less than 3 tells nothing.
+    /// What `seen` would be if all of the texture showed through: less than 4 tells nothing.
     pub visible: f32,
 }
 
