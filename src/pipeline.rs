@@ -328,9 +328,10 @@ fn report(
         let name = family.name(marker as usize).as_bytes();
         object.marker[..name.len()].copy_from_slice(name);
     }
-    // A robot whose marker was not read is where its forecast says, and things that touch are where they went into their
-    // common blob: not where the blob is.
-    if track.pose_observed() {
+    // A robot whose marker was not read is where its forecast says. Of obstacles that touch one is observed, with the outline of
+    // all: something was seen there, although not which is which.
+    let outline_seen = track.marker().is_none() && detection.is_some();
+    if track.pose_observed() || outline_seen {
         object.flags |= scene::OBSERVED;
     }
     let [[xx, xy], [yx, yy]] = track.covariance();

@@ -177,6 +177,10 @@ fn heads(path: &Path) -> Vec<Vec<[f64; 2]>> {
         let [_, frame, _, x, y] = columns[..] else {
             panic!("{}: a row has other columns: {line}", path.display());
         };
+        // A robot that nobody saw has no place.
+        if x.is_nan() || y.is_nan() {
+            continue;
+        }
         let frame = frame as usize;
         if heads.len() <= frame {
             heads.resize(frame + 1, Vec::new());
