@@ -39,7 +39,7 @@ use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source}
 use crate::run::process::{ProcessStage, Sink};
 use crate::run::record::{Recording, record};
 use crate::setup::Setup;
-use crate::slot::Slot;
+use crate::slot::{Slot, SourceInfo};
 use crate::status::{Status, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
@@ -86,6 +86,13 @@ impl Books {
     }
 }
 
+/// Says what became of a camera's controls when it was started.
+fn tell_controls(info: &SourceInfo) {
+    if let (true, Some(controls)) = (info.live, &info.controls) {
+        tell(format_args!("overcam: camera: {controls}"));
+    }
+}
+
 /// Locates until the source ends, `stop` is set, or as many frames as asked for are done. When `relearn` is set, it is taken back and
 /// the empty floor is learned anew. Scenes go to `out` as JSON, if
 /// asked for; all else that a person reads goes to standard error.
@@ -122,9 +129,7 @@ pub fn run(
         .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
         .transpose()?;
     setup.announce(args, &info);
-    if let (true, Some(controls)) = (info.live, &info.controls) {
-        tell(format_args!("overcam: camera: {controls}"));
-    }
+    tell_controls(&info);
 
     let (to_process, frames) = sync_channel(SLOTS);
     let (to_capture, free) = sync_channel(SLOTS);

@@ -13,7 +13,7 @@ use crate::cli::BackgroundArgs;
 use crate::floor::learner::Learner;
 use crate::frame::{Picture, decode};
 use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
-use crate::run::{POLL, SLOTS, spawn};
+use crate::run::{POLL, SLOTS, spawn, tell_controls};
 use crate::slot::{Slot, SourceInfo};
 use crate::status::tell;
 
@@ -30,13 +30,14 @@ pub fn learn_background(
     let Some(mut source) = open_source(&args.source, stop)? else {
         return Ok(());
     };
-    let info = source.info();
     // Before the frames are waited for, which may take minutes.
     let target = Replacement::create(&args.output).with_context(|| not_written(&args.output))?;
     source.start(stop)?;
     if stop.load(Ordering::Relaxed) {
         return Ok(());
     }
+    let info = source.info();
+    tell_controls(&info);
     tell(format_args!(
         "overcam: learning the empty floor from {} frames of {}",
         args.learn, info.name
