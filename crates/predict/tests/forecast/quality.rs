@@ -25,8 +25,8 @@ pub(crate) fn score(
     rows: &mut [Row],
 ) {
     let mut tracker = Box::new(Tracker::new());
-    for now in 0..measured.len() {
-        let [x, y] = measured[now];
+    for frame in 0..measured.len() {
+        let [x, y] = measured[frame];
         let observation = Observation {
             x,
             y,
@@ -36,22 +36,22 @@ pub(crate) fn score(
             reach: 0.0,
             area: 0.0,
         };
-        let stamp_ns = (now as f64 * settings.forecast_step_s * 1e9) as u64;
+        let stamp_ns = (frame as f64 * settings.forecast_step_s * 1e9) as u64;
         tracker.update(stamp_ns, &[observation], settings);
         let track = tracker.tracks().next().expect("one track");
         assert_eq!(track.id(), 1, "the track was lost");
-        if now < 3 {
+        if frame < 3 {
             continue;
         }
         for (row, steps) in rows.iter_mut().zip(HORIZONS) {
-            let then = now + steps;
+            let then = frame + steps;
             if then >= measured.len() {
                 continue;
             }
             let point = track.forecast()[steps - 1];
             row.n += 1.0;
             row.error += distance([point.x, point.y], truth[then]);
-            row.line_error += distance(line_over_5(&measured[..=now], steps), truth[then]);
+            row.line_error += distance(line_over_5(&measured[..=frame], steps), truth[then]);
             let dx = measured[then][0] - point.x;
             let dy = measured[then][1] - point.y;
             let [[a, b], [_, d]] = point.covariance;

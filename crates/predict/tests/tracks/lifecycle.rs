@@ -1,16 +1,8 @@
 //! What becomes of tracks from frame to frame, on hand-made scenes.
 
-use predict::{Heading, MAX_FORECAST, MAX_TRACKS, Observation, Settings, Track, Tracker, Update};
+use predict::{Heading, MAX_FORECAST, MAX_TRACKS, Observation, Track, Tracker};
 
-const STEP_NS: u64 = 66_666_667;
-const STEP_S: f64 = STEP_NS as f64 / 1e9;
-
-fn settings() -> Settings {
-    Settings {
-        forecast_step_s: STEP_S,
-        ..Settings::default()
-    }
-}
+use crate::fixture::{Floor, STEP_NS, STEP_S, distance, settings};
 
 fn blob([x, y]: [f64; 2]) -> Observation {
     Observation {
@@ -33,44 +25,6 @@ fn robot(marker: u32, place: [f64; 2], heading_rad: f64) -> Observation {
         marker: Some(marker),
         ..blob(place)
     }
-}
-
-/// A tracker and the number of the next frame.
-struct Floor {
-    tracker: Box<Tracker>,
-    settings: Settings,
-    frame: u64,
-}
-
-impl Floor {
-    fn new() -> Self {
-        Self {
-            tracker: Box::new(Tracker::new()),
-            settings: settings(),
-            frame: 0,
-        }
-    }
-
-    fn see(&mut self, observations: &[Observation]) -> Update {
-        let stamp_ns = self.frame * STEP_NS;
-        self.frame += 1;
-        self.tracker.update(stamp_ns, observations, &self.settings)
-    }
-
-    fn ids(&self) -> Vec<u64> {
-        self.tracker.tracks().map(Track::id).collect()
-    }
-
-    fn only(&self) -> &Track {
-        let mut tracks = self.tracker.tracks();
-        let track = tracks.next().expect("a track");
-        assert!(tracks.next().is_none(), "more than one track");
-        track
-    }
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    f64::hypot(a[0] - b[0], a[1] - b[1])
 }
 
 fn worst_forecast(track: &Track, truth: impl Fn(f64) -> [f64; 2]) -> f64 {

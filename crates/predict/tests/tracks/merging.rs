@@ -2,10 +2,9 @@
 //!
 //! The scenes are of discs. Those that overlap are one blob, as they would be in a mask.
 
-use predict::{Heading, Observation, Settings, Track, Tracker};
+use predict::{Heading, Observation};
 
-const STEP_NS: u64 = 66_666_667;
-const STEP_S: f64 = STEP_NS as f64 / 1e9;
+use crate::fixture::{Floor, STEP_S, distance};
 
 type Point = [f64; 2];
 
@@ -23,10 +22,6 @@ fn disc(at: Point, radius: f64) -> Disc {
         radius,
         marker: None,
     }
-}
-
-fn distance(a: Point, b: Point) -> f64 {
-    f64::hypot(a[0] - b[0], a[1] - b[1])
 }
 
 fn area(disc: &Disc) -> f64 {
@@ -118,56 +113,6 @@ fn look(discs: &[Disc]) -> (Vec<Observation>, Vec<Option<usize>>) {
     (observations, disc_of)
 }
 
-struct Floor {
-    tracker: Box<Tracker>,
-    settings: Settings,
-    frame: u64,
-}
-
-impl Floor {
-    fn new() -> Self {
-        Self {
-            tracker: Box::new(Tracker::new()),
-            settings: Settings {
-                forecast_step_s: STEP_S,
-                ..Settings::default()
-            },
-            frame: 0,
-        }
-    }
-
-    fn see(&mut self, observations: &[Observation]) {
-        self.frame += 1;
-        self.tracker
-            .update(self.frame * STEP_NS, observations, &self.settings);
-    }
-
-    fn look(&mut self, discs: &[Disc]) {
-        self.see(&look(discs).0);
-    }
-
-    fn ids(&self) -> Vec<u64> {
-        self.tracker.tracks().map(Track::id).collect()
-    }
-
-    fn track(&self, id: u64) -> &Track {
-        self.tracker
-            .tracks()
-            .find(|track| track.id() == id)
-            .unwrap_or_else(|| panic!("no track {id} among {:?}", self.ids()))
-    }
-
-    fn assert_at(&self, id: u64, place: Point, within: f64) {
-        let at = self.track(id).position();
-        let off = distance(at, place);
-        assert!(
-            off <= within + 1e-9,
-            "frame {}: track {id} at {at:?}, {off} px off",
-            self.frame
-        );
-    }
-}
-
 /// Half the distance of two things that meet with 60 px/s each, stay together and part again, at a time.
 fn half_apart(t: f64, together_s: f64, touching: f64) -> f64 {
     let meet_s = 2.0;
@@ -186,7 +131,7 @@ fn two_that_meet_and_part_keep_their_numbers() {
     for frame in 0..110 {
         let half = half_apart(f64::from(frame) * STEP_S, TOGETHER_S, 9.5);
         let places = [[300.0 - half, 200.0], [300.0 + half, 205.0]];
-        floor.look(&places.map(|at| disc(at, 10.0)));
+        floor.see(&look(&places.map(|at| disc(at, 10.0))).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         let merged = half < 10.0;
         for (id, place) in [(1, places[0]), (2, places[1])] {
@@ -208,7 +153,7 @@ fn uncertainty_grows_while_together() {
     let mut last = 0.0;
     for frame in 0..75 {
         let half = half_apart(f64::from(frame) * STEP_S, TOGETHER_S, 9.5);
-        floor.look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0)));
+        floor.see(&look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
         let variance = floor.track(1).covariance()[0][0];
         if half < 10.0 {
             assert!(variance > last, "frame {frame}: {variance} after {last}");
@@ -227,7 +172,7 @@ fn a_pair_that_moves_carries_its_tracks_along() {
         let pusher = 100.0 + 60.0 * (t.min(5.0) - (t - 5.0).max(0.0));
         let pushed = (100.0 + 60.0 * t.min(5.0)).max(220.0) + 17.0;
         let places = [[pusher, 200.0], [pushed, 203.0]];
-        floor.look(&[disc(places[0], 12.0), disc(places[1], 6.0)]);
+        floor.see(&look(&[disc(places[0], 12.0), disc(places[1], 6.0)]).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         floor.assert_at(1, places[0], 5.0);
         floor.assert_at(2, places[1], 5.0);
@@ -255,7 +200,7 @@ fn markers_are_right_when_the_two_have_changed_sides() {
         if !merged {
             (discs[0].marker, discs[1].marker) = (Some(7), Some(4));
         }
-        floor.look(&discs);
+        floor.see(&look(&discs).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         for (id, marker, place) in [(1, 7, places[0]), (2, 4, places[1])] {
             assert_eq!(floor.track(id).marker(), Some(marker), "frame {frame}");
@@ -277,7 +222,7 @@ fn a_marker_read_in_the_blob_is_followed_and_the_other_kept() {
         let mut discs = places.map(|at| disc(at, 10.0));
         // The marker is lost for a while in the middle.
         discs[0].marker = (!(50..60).contains(&frame)).then_some(3);
-        floor.look(&discs);
+        floor.see(&look(&discs).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         let merged = half < 10.0;
         let read = discs[0].marker.is_some();
@@ -301,7 +246,7 @@ fn three_join_and_leave_one_by_one() {
             [300.0, 200.0],
             [300.0 + 19.0, 200.0 + away(4.0, 6.0)],
         ];
-        floor.look(&places.map(|at| disc(at, 10.0)));
+        floor.see(&look(&places.map(|at| disc(at, 10.0))).0);
         assert_eq!(floor.ids(), [1, 2, 3], "frame {frame}");
         for (id, place) in (1..).zip(places) {
             floor.assert_at(id, place, 6.0);
@@ -314,12 +259,12 @@ fn what_is_taken_away_beside_another_is_missed() {
     let mut floor = Floor::new();
     for frame in 0..60 {
         let half = half_apart(f64::from(frame) * STEP_S, 100.0, 9.5);
-        floor.look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0)));
+        floor.see(&look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
     }
     assert_eq!(floor.ids(), [1, 2]);
     let frames = u64::from(floor.settings.max_misses) + 1;
     for _ in 0..frames {
-        floor.look(&[disc([290.5, 200.0], 10.0)]);
+        floor.see(&look(&[disc([290.5, 200.0], 10.0)]).0);
         floor.assert_at(1, [290.5, 200.0], 0.0);
     }
     assert_eq!(floor.ids(), [1]);
@@ -329,15 +274,15 @@ fn what_is_taken_away_beside_another_is_missed() {
 fn a_touch_does_not_last_for_ever() {
     let mut floor = Floor::new();
     for _ in 0..30 {
-        floor.look(&[-11.0, 11.0].map(|x| disc([300.0 + x, 200.0], 10.0)));
+        floor.see(&look(&[-11.0, 11.0].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
     }
     let together = [-9.5, 9.5].map(|x| disc([300.0 + x, 200.0], 10.0));
     for _ in 0..29 * 15 {
-        floor.look(&together);
+        floor.see(&look(&together).0);
     }
     assert_eq!(floor.ids(), [1, 2]);
     for _ in 0..2 * 15 {
-        floor.look(&together);
+        floor.see(&look(&together).0);
     }
     assert_eq!(
         floor.ids().len(),

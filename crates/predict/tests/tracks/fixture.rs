@@ -1,0 +1,71 @@
+//! A tracker that is shown one frame after the other.
+
+use predict::{Observation, Settings, Track, Tracker, Update};
+
+/// From frame to frame, 15 a second.
+pub(crate) const STEP_NS: u64 = 66_666_667;
+pub(crate) const STEP_S: f64 = STEP_NS as f64 / 1e9;
+
+pub(crate) fn settings() -> Settings {
+    Settings {
+        forecast_step_s: STEP_S,
+        ..Settings::default()
+    }
+}
+
+/// A tracker and the number of the next frame.
+pub(crate) struct Floor {
+    pub(crate) tracker: Box<Tracker>,
+    pub(crate) settings: Settings,
+    pub(crate) frame: u64,
+}
+
+impl Floor {
+    pub(crate) fn new() -> Self {
+        Self {
+            tracker: Box::new(Tracker::new()),
+            settings: settings(),
+            frame: 0,
+        }
+    }
+
+    pub(crate) fn see(&mut self, observations: &[Observation]) -> Update {
+        let stamp_ns = self.frame * STEP_NS;
+        self.frame += 1;
+        self.tracker.update(stamp_ns, observations, &self.settings)
+    }
+
+    pub(crate) fn ids(&self) -> Vec<u64> {
+        self.tracker.tracks().map(Track::id).collect()
+    }
+
+    /// The track with this number.
+    pub(crate) fn track(&self, id: u64) -> &Track {
+        self.tracker
+            .tracks()
+            .find(|track| track.id() == id)
+            .unwrap_or_else(|| panic!("no track {id} among {:?}", self.ids()))
+    }
+
+    /// The track, where there is one alone.
+    pub(crate) fn only(&self) -> &Track {
+        let mut tracks = self.tracker.tracks();
+        let track = tracks.next().expect("a track");
+        assert!(tracks.next().is_none(), "more than one track");
+        track
+    }
+
+    pub(crate) fn assert_at(&self, id: u64, place: [f64; 2], within: f64) {
+        let at = self.track(id).position();
+        let off = distance(at, place);
+        assert!(
+            off <= within + 1e-9,
+            "frame {}: track {id} at {at:?}, {off} px off",
+            self.frame
+        );
+    }
+}
+
+pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    f64::hypot(a[0] - b[0], a[1] - b[1])
+}

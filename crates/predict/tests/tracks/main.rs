@@ -1,0 +1,5 @@
+//! Tracks on hand-made scenes: what becomes of them from frame to frame, and of those that touch.
+
+mod fixture;
+mod lifecycle;
+mod merging;
