@@ -6,17 +6,15 @@
 
 mod ghosts;
 mod lighting;
+mod texture;
 mod upkeep;
 
-use imgproc::classes::{
-    BLACK, BRIGHT, COLOURED, ClassSettings, Difference, FLOOR, SHADE, STRONG, WindowsMut, classes,
-};
+use imgproc::classes::{BRIGHT, ClassSettings, Difference, FLOOR, STRONG, WindowsMut, classes};
 use imgproc::contour::{
     Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
 };
 use imgproc::difference::{Colour, DifferenceMut, Gains, difference};
 use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
-use imgproc::texture::{Textures, TexturesMut, Visibility, textures, visibility};
 use imgproc::{Bounds, Point, Size};
 
 use crate::floor::{Floor, denoise};
@@ -25,23 +23,8 @@ use crate::marker::cutout::contour_capacity;
 use ghosts::{Ghosts, looks_left};
 pub(crate) use lighting::Light;
 use lighting::{Lighting, SETTLE_FRAMES};
+use texture::{Evidence, TextureJudge};
 use upkeep::Upkeep;
-
-/// The floor's texture is looked for at about this many places of a frame at most.
-const TEXTURE_PROBES_MAX: usize = 1500;
-
-/// From this share of the floor's texture on, the floor is seen, in whatever light.
-const FLOOR_SHOWS: f32 = 0.4;
-
-/// That the floor's texture is seen must be this sure, in standard deviations; more so where an object was in the frame before.
-const SEEN_LEAST: f32 = 3.5;
-const SEEN_LEAST_AFTER_OBJECT: f32 = 6.0;
-
-/// Below this share of the floor's texture something covers it. Compression takes texture away too.
-const FLOOR_HIDDEN: f32 = 0.2;
-
-/// In a shadow at least this share is seen, which must be so many standard deviations away.
-const SHADOW_SHOWS: (f32, f32) = (0.7, 4.0);
 
 /// Pixels around objects that do not tell how the floor looks: an object blurs, and lights up what is beside it.
 const MARGIN_PX: usize = 3;
@@ -80,6 +63,7 @@ pub(crate) struct Segmenter {
     upkeep: Upkeep,
     lighting: Lighting,
     ghosts: Ghosts,
+    textures: TextureJudge,
     planes: Planes,
     class: Vec<u8>,
     own: Vec<u8>,
@@ -107,9 +91,6 @@ struct Planes {
     light_window: Vec<i16>,
     red_window: Vec<i16>,
     blue_window: Vec<i16>,
-    ratio: Vec<u16>,
-    texture: Vec<i16>,
-    floor_texture: Vec<i16>,
 }
 
 impl Segmenter {
@@ -128,6 +109,7 @@ impl Segmenter {
             upkeep: Upkeep::new(floor),
             lighting: Lighting::new(),
             ghosts: Ghosts::new(),
+            textures: TextureJudge::new(size),
             planes: Planes {
                 light: words(),
                 red: words(),
@@ -136,9 +118,6 @@ impl Segmenter {
                 light_window: words(),
                 red_window: words(),
                 blue_window: words(),
-                ratio: vec![0; size.area()],
-                texture: words(),
-                floor_texture: words(),
             },
             class: bytes(),
             own: bytes(),
@@ -190,7 +169,14 @@ impl Segmenter {
         let light = self.follow_light(light);
         let gains = self.lighting.gains;
         self.classify(gains, settings);
-        self.judge_texture(settings);
+        let evidence = Evidence {
+            level: &self.planes.level,
+            floor_level: self.upkeep.reference().level,
+            own: &self.own,
+            previous: &self.previous,
+            strong: (2.0 * settings.threshold) as u8,
+        };
+        self.textures.judge(&mut self.class, &evidence);
         self.make_mask();
         self.choose_shapes(light, settings);
         self.previous.copy_from_slice(&self.mask);
@@ -242,7 +228,6 @@ impl Segmenter {
             light_window,
             red_window,
             blue_window,
-            ..
         } = &mut self.planes;
         let reference = self.upkeep.reference();
         let out = DifferenceMut {
@@ -278,93 +263,6 @@ impl Segmenter {
                 shadow_tint: SHADOW_TINT,
             },
         );
-    }
-
-    /// Light and shadow in which the floor's texture is seen are floor, whatever their brightness; a shadow in which it is not seen
-    /// is an object, and so is what differs only a little.
-    fn judge_texture(&mut self, settings: &SegmentationSettings) {
-        let Size { width, height } = self.size;
-        let open =
-            |class: u8| matches!(class & !STRONG, BRIGHT | BLACK | SHADE) || class == COLOURED;
-        let candidates = self.class.iter().filter(|&&class| open(class)).count();
-        if candidates == 0 {
-            return;
-        }
-        let side = (4..=32)
-            .step_by(2)
-            .find(|side| candidates / (side * side) <= TEXTURE_PROBES_MAX)
-            .unwrap_or(32);
-        let Planes {
-            level,
-            ratio,
-            texture,
-            floor_texture,
-            ..
-        } = &mut self.planes;
-        let mut out = TexturesMut {
-            ratio,
-            frame: texture,
-            floor: floor_texture,
-        };
-        let floor = self.upkeep.reference().level;
-        textures(level, floor, self.size, &mut out, |i| open(self.class[i]));
-        let textures = Textures {
-            ratio,
-            frame: texture,
-            floor: floor_texture,
-        };
-        let strong = (2.0 * settings.threshold) as u8;
-        for y in (0..height).step_by(side) {
-            for x in (0..width).step_by(side) {
-                let rows = y..(y + side).min(height);
-                let columns = x..(x + side).min(width);
-                // What is darker than the floor and what is brighter are judged apart, each by the candidate that is next to
-                // the middle.
-                let (mut darker, mut brighter) = (Nearest::default(), Nearest::default());
-                for y in rows.clone() {
-                    let middle = (rows.start + side / 2, columns.start + side / 2);
-                    for x in columns.clone() {
-                        let i = y * width + x;
-                        if textures.ratio[i] != 0 {
-                            let distance = y.abs_diff(middle.0) + x.abs_diff(middle.1);
-                            match self.class[i] & !STRONG {
-                                BRIGHT => brighter.see(distance, (x, y)),
-                                _ => darker.see(distance, (x, y)),
-                            }
-                        }
-                    }
-                }
-                let judge = |nearest: Nearest| visibility(textures, self.size, nearest.at?);
-                let (darker, brighter) = (judge(darker), judge(brighter));
-                for y in rows {
-                    for i in y * width + columns.start..y * width + columns.end {
-                        let class = &mut self.class[i];
-                        let seen_least = match self.previous[i] {
-                            0 => SEEN_LEAST,
-                            _ => SEEN_LEAST_AFTER_OBJECT,
-                        };
-                        match *class & !STRONG {
-                            // What is brighter may be white and bear a texture of its own.
-                            BRIGHT
-                                if brighter.is_some_and(|seen| shows(seen, 2.0 * seen_least)) =>
-                            {
-                                *class = SHADE;
-                            }
-                            BLACK if darker.is_some_and(|seen| shows(seen, seen_least)) => {
-                                *class = SHADE;
-                            }
-                            SHADE if darker.is_some_and(hides) => {
-                                *class = BLACK + if self.own[i] >= strong { STRONG } else { 0 };
-                            }
-                            COLOURED if *class & STRONG == 0 && darker.is_some_and(hides) => {
-                                *class |= STRONG;
-                            }
-                            _ => {}
-                        }
-                    }
-                }
-            }
-        }
     }
 
     /// From classes to the mask: 1 for object, 2 for the core of one.
@@ -474,35 +372,6 @@ impl Segmenter {
             std::mem::swap(&mut self.covered, &mut self.scratch);
         }
     }
-}
-
-/// The place of a candidate that is nearest to some point.
-#[derive(Debug, Default)]
-struct Nearest {
-    distance: usize,
-    at: Option<(usize, usize)>,
-}
-
-impl Nearest {
-    fn see(&mut self, distance: usize, at: (usize, usize)) {
-        if self.at.is_none() || distance < self.distance {
-            *self = Self {
-                distance,
-                at: Some(at),
-            };
-        }
-    }
-}
-
-/// Whether the floor is seen.
-fn shows(texture: Visibility, seen_least: f32) -> bool {
-    texture.share > FLOOR_SHOWS && texture.seen > seen_least
-}
-
-/// Whether something covers the floor.
-fn hides(texture: Visibility) -> bool {
-    let (shadow, deviations) = SHADOW_SHOWS;
-    texture.share < FLOOR_HIDDEN && (shadow - texture.share) * texture.visible > deviations
 }
 
 /// Whether an object was near `bounds` in the frame before.

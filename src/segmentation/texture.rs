@@ -1,0 +1,170 @@
+//! Whether the floor's texture shows where a picture differs in brightness: then it is the floor in another light.
+
+use imgproc::Size;
+use imgproc::classes::{BLACK, BRIGHT, COLOURED, SHADE, STRONG};
+use imgproc::texture::{Textures, TexturesMut, Visibility, textures, visibility};
+
+/// The floor's texture is looked for at about this many places of a frame at most.
+const PROBES_MAX: usize = 1500;
+
+/// From this share of the floor's texture on, the floor is seen, in whatever light.
+const FLOOR_SHOWS: f32 = 0.4;
+
+/// That the floor's texture is seen must be this sure, in standard deviations; more so where an object was in the frame before.
+const SEEN_LEAST: f32 = 3.5;
+const SEEN_LEAST_AFTER_OBJECT: f32 = 6.0;
+
+/// Below this share of the floor's texture something covers it. Compression takes texture away too.
+const FLOOR_HIDDEN: f32 = 0.2;
+
+/// In a shadow at least this share is seen, which must be so many standard deviations away.
+const SHADOW_SHOWS: (f32, f32) = (0.7, 4.0);
+
+/// Planes of textures.
+#[derive(Debug)]
+pub(super) struct TextureJudge {
+    size: Size,
+    ratio: Vec<u16>,
+    frame: Vec<i16>,
+    floor: Vec<i16>,
+}
+
+/// What is known of a frame besides its classes.
+pub(super) struct Evidence<'a> {
+    /// Sums of the channels, of the frame and of the floor in the frame's light.
+    pub(super) level: &'a [u16],
+    pub(super) floor_level: &'a [u16],
+    /// How much a pixel differs, see [`imgproc::classes::classes`].
+    pub(super) own: &'a [u8],
+    /// The mask of the frame before.
+    pub(super) previous: &'a [u8],
+    /// What `own` is at least where the difference is a strong one.
+    pub(super) strong: u8,
+}
+
+impl TextureJudge {
+    pub(super) fn new(size: Size) -> Self {
+        Self {
+            size,
+            ratio: vec![0; size.area()],
+            frame: vec![0; size.area()],
+            floor: vec![0; size.area()],
+        }
+    }
+
+    /// Light and shadow in which the floor's texture is seen are floor, whatever their brightness; a shadow in which it is not
+    /// seen is an object, and so is what differs only a little.
+    pub(super) fn judge(&mut self, class: &mut [u8], evidence: &Evidence<'_>) {
+        let Size { width, height } = self.size;
+        let candidates = class.iter().filter(|&&class| open(class)).count();
+        if candidates == 0 {
+            return;
+        }
+        let side = (4..=32)
+            .step_by(2)
+            .find(|side| candidates / (side * side) <= PROBES_MAX)
+            .unwrap_or(32);
+        let mut out = TexturesMut {
+            ratio: &mut self.ratio,
+            frame: &mut self.frame,
+            floor: &mut self.floor,
+        };
+        textures(
+            evidence.level,
+            evidence.floor_level,
+            self.size,
+            &mut out,
+            |i| open(class[i]),
+        );
+        for top in (0..height).step_by(side) {
+            for left in (0..width).step_by(side) {
+                let cell = Cell {
+                    left,
+                    top,
+                    right: (left + side).min(width),
+                    bottom: (top + side).min(height),
+                    middle: (left + side / 2, top + side / 2),
+                };
+                let [darker, brighter] = self.probe(class, &cell);
+                for y in cell.top..cell.bottom {
+                    let row = y * width + cell.left..y * width + cell.right;
+                    for (class, i) in class[row.clone()].iter_mut().zip(row) {
+                        *class = reclassify(i, *class, [darker, brighter], evidence);
+                    }
+                }
+            }
+        }
+    }
+
+    /// How much of the floor's texture is seen in a cell, in what is darker than the floor and in what is brighter: each is
+    /// judged by the candidate that is next to the middle.
+    fn probe(&self, class: &[u8], cell: &Cell) -> [Option<Visibility>; 2] {
+        let mut nearest = [None::<(usize, (usize, usize))>; 2];
+        for y in cell.top..cell.bottom {
+            for x in cell.left..cell.right {
+                let i = y * self.size.width + x;
+                if self.ratio[i] == 0 {
+                    continue;
+                }
+                let distance = x.abs_diff(cell.middle.0) + y.abs_diff(cell.middle.1);
+                let nearest = &mut nearest[usize::from(class[i] & !STRONG == BRIGHT)];
+                if nearest.is_none_or(|(least, _)| distance < least) {
+                    *nearest = Some((distance, (x, y)));
+                }
+            }
+        }
+        let textures = Textures {
+            ratio: &self.ratio,
+            frame: &self.frame,
+            floor: &self.floor,
+        };
+        nearest.map(|nearest| visibility(textures, self.size, nearest?.1))
+    }
+}
+
+/// A square of the picture.
+struct Cell {
+    left: usize,
+    top: usize,
+    right: usize,
+    bottom: usize,
+    middle: (usize, usize),
+}
+
+/// Whether texture may change a class.
+fn open(class: u8) -> bool {
+    matches!(class & !STRONG, BRIGHT | BLACK | SHADE) || class == COLOURED
+}
+
+/// The class of pixel `i` once the floor's texture has been looked for.
+fn reclassify(
+    i: usize,
+    class: u8,
+    [darker, brighter]: [Option<Visibility>; 2],
+    evidence: &Evidence<'_>,
+) -> u8 {
+    let seen_least = match evidence.previous[i] {
+        0 => SEEN_LEAST,
+        _ => SEEN_LEAST_AFTER_OBJECT,
+    };
+    match class & !STRONG {
+        // What is brighter may be white and bear a texture of its own.
+        BRIGHT if brighter.is_some_and(|seen| shows(seen, 2.0 * seen_least)) => SHADE,
+        BLACK if darker.is_some_and(|seen| shows(seen, seen_least)) => SHADE,
+        SHADE if darker.is_some_and(hides) && evidence.own[i] >= evidence.strong => BLACK | STRONG,
+        SHADE if darker.is_some_and(hides) => BLACK,
+        COLOURED if class & STRONG == 0 && darker.is_some_and(hides) => COLOURED | STRONG,
+        _ => class,
+    }
+}
+
+/// Whether the floor is seen.
+fn shows(texture: Visibility, seen_least: f32) -> bool {
+    texture.share > FLOOR_SHOWS && texture.seen > seen_least
+}
+
+/// Whether something covers the floor.
+fn hides(texture: Visibility) -> bool {
+    let (shadow, deviations) = SHADOW_SHOWS;
+    texture.share < FLOOR_HIDDEN && (shadow - texture.share) * texture.visible > deviations
+}
