@@ -7,6 +7,9 @@ use imgproc::texture::{Textures, TexturesMut, Visibility, textures, visibility};
 /// The floor's texture is looked for at about this many places of a frame at most.
 const PROBES_MAX: usize = 1500;
 
+/// Side of the largest square, pixels, that is judged by one probe.
+const CELL_MAX: usize = 32;
+
 /// From this share of the floor's texture on, the floor is seen, in whatever light.
 const FLOOR_SHOWS: f32 = 0.4;
 
@@ -60,10 +63,10 @@ impl TextureJudge {
         if candidates == 0 {
             return;
         }
-        let side = (4..=32)
+        let side = (4..=CELL_MAX)
             .step_by(2)
             .find(|side| candidates / (side * side) <= PROBES_MAX)
-            .unwrap_or(32);
+            .unwrap_or(CELL_MAX);
         let mut out = TexturesMut {
             ratio: &mut self.ratio,
             frame: &mut self.frame,
@@ -86,6 +89,9 @@ impl TextureJudge {
                     middle: (left + side / 2, top + side / 2),
                 };
                 let [darker, brighter] = self.probe(class, &cell);
+                if darker.is_none() && brighter.is_none() {
+                    continue; // most of the floor
+                }
                 for y in cell.top..cell.bottom {
                     let row = y * width + cell.left..y * width + cell.right;
                     for (class, i) in class[row.clone()].iter_mut().zip(row) {
@@ -101,8 +107,14 @@ impl TextureJudge {
     fn probe(&self, class: &[u8], cell: &Cell) -> [Option<Visibility>; 2] {
         let mut nearest = [None::<(usize, (usize, usize))>; 2];
         for y in cell.top..cell.bottom {
+            let row = y * self.size.width;
+            if self.ratio[row + cell.left..row + cell.right]
+                == [0; CELL_MAX][..cell.right - cell.left]
+            {
+                continue;
+            }
             for x in cell.left..cell.right {
-                let i = y * self.size.width + x;
+                let i = row + x;
                 if self.ratio[i] == 0 {
                     continue;
                 }
