@@ -50,7 +50,16 @@ pub fn best_match<'a>(
 #[must_use]
 pub fn compare(descriptor: &Descriptor, reference: &Descriptor) -> Match {
     let [upright, turned] = distances(descriptor, reference);
-    let half_turn = turned < upright;
+    compare_one_way(descriptor, reference, turned < upright)
+}
+
+/// Compares a descriptor with one reference and with that reference turned by 180 degrees.
+#[must_use]
+pub fn compare_both_ways(descriptor: &Descriptor, reference: &Descriptor) -> [Match; 2] {
+    [false, true].map(|half_turn| compare_one_way(descriptor, reference, half_turn))
+}
+
+fn compare_one_way(descriptor: &Descriptor, reference: &Descriptor, half_turn: bool) -> Match {
     let (turn, distance) = fit(&descriptor.coefficients, &reference.coefficients, half_turn);
     let half = if half_turn {
         core::f32::consts::PI

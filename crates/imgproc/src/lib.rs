@@ -10,7 +10,8 @@
 //! 5. [`morphology`] removes specks from the mask and closes its gaps;
 //! 6. [`contour`] finds the shapes of the mask and walks around them;
 //! 7. [`split`] divides the pixels of one shape into light and dark;
-//! 8. [`isoline`] follows the border between them with a precision better than a pixel.
+//! 8. [`isoline`] follows the border between them with a precision better than a pixel;
+//! 9. [`fit`] brings the picture of a known shape over it, with all pixels and a better one still.
 //!
 //! All are plain functions over borrowed slices: inputs, then outputs and scratch, then settings. Nothing here allocates,
 //! keeps state from call to call, or knows of cameras and markers.
@@ -30,6 +31,7 @@ pub mod background;
 pub mod classes;
 pub mod contour;
 pub mod difference;
+pub mod fit;
 pub mod isoline;
 pub mod light;
 pub mod median;

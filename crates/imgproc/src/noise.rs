@@ -19,8 +19,8 @@
 //! Deliberately absent: a covariance of the colours. A camera's sharpening and its chroma subsampling make them depend on each other, but not
 //! enough to pay for six numbers a pixel.
 
-use crate::Size;
 use crate::window::{BLOCK, map_3x3};
+use crate::{Size, assert_len};
 
 /// Bits of the median distance: with 31 or more the standard deviation is above 46 grey levels, and no longer noise.
 const DISTANCE_BITS: u32 = 5;
@@ -110,6 +110,65 @@ pub fn mean_3x3(plane: &[u8], size: Size, out: &mut [u8]) {
     map_3x3(plane, size, out, down, across);
 }
 
+/// Red, green and blue as the eye weighs them for brightness (BT.601).
+const BRIGHTNESS: [f32; 3] = [0.299, 0.587, 0.114];
+
+/// Pixels that are asked for the noise of a frame, about.
+const ASKED: usize = 6000;
+
+/// Standard deviation of a single frame's noise in brightness, grey levels.
+///
+/// `frame` holds red, green and blue, `floor` the same of the empty floor in 256ths of a level, each of which is `gains` times
+/// as bright in the frame. Measured is how much a pixel differs from its eight neighbours (the second difference in x of that
+/// in y, as of Immerkær 1996), less what the floor explains: the median over the picture, of which objects are a small part.
+///
+/// # Panics
+///
+/// When a slice has not `size.area()` values.
+#[must_use]
+pub fn frame_noise(frame: [&[u8]; 3], floor: [&[u16]; 3], gains: [f32; 3], size: Size) -> f32 {
+    for (frame, floor) in frame.iter().zip(floor) {
+        assert_len("frame", frame.len(), size);
+        assert_len("floor", floor.len(), size);
+    }
+    let Size { width, height } = size;
+    if width < 3 || height < 3 {
+        return 0.0;
+    }
+    const STEPS_PER_LEVEL: f32 = 2.0;
+    let mut counts = [0u32; 1024];
+    let mut n = 0;
+    let step = (size.area() / ASKED).max(1);
+    // A step that shares no divisor with the width would be better still; borders are passed over.
+    for i in (width + 1..size.area() - width - 1).step_by(step) {
+        let x = i % width;
+        if x == 0 || x == width - 1 {
+            continue;
+        }
+        let mut sum = 0.0;
+        for ((frame, floor), (gain, weight)) in
+            frame.iter().zip(floor).zip(gains.iter().zip(BRIGHTNESS))
+        {
+            let at = |i: usize| f32::from(frame[i]) - gain / 256.0 * f32::from(floor[i]);
+            let row = |i: usize| at(i - 1) - 2.0 * at(i) + at(i + 1);
+            sum += weight * (row(i - width) - 2.0 * row(i) + row(i + width));
+        }
+        let bin = (sum.abs() * STEPS_PER_LEVEL) as usize;
+        counts[bin.min(counts.len() - 1)] += 1;
+        n += 1;
+    }
+    let mut below = 0;
+    for (bin, &count) in counts.iter().enumerate() {
+        if 2 * (below + count) >= n && count > 0 {
+            let share = (n as f32 / 2.0 - below as f32) / count as f32;
+            // Of Gaussian noise the median distance is 0.6745 deviations, and the squares of the nine weights add up to 36.
+            return (bin as f32 + share) / STEPS_PER_LEVEL / (0.6745 * 6.0);
+        }
+        below += count;
+    }
+    0.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,5 +248,40 @@ mod tests {
     #[should_panic(expected = "5 bytes are not 1 to 255 planes of 2 pixels")]
     fn a_wrong_length_is_a_mistake() {
         add_variance(&[0; 5], &[0; 2], &mut [0.0; 2]);
+    }
+
+    #[test]
+    fn a_frame_shows_its_noise_and_not_the_texture_of_the_floor() {
+        let size = Size {
+            width: 200,
+            height: 150,
+        };
+        let mut state = 7u64;
+        let mut normal = || {
+            (0..12)
+                .map(|_| {
+                    state = state
+                        .wrapping_mul(6_364_136_223_846_793_005)
+                        .wrapping_add(1_442_695_040_888_963_407);
+                    (state >> 40) as f32 / (1u64 << 24) as f32 - 0.5
+                })
+                .sum::<f32>()
+        };
+        // A floor that goes up and down by 60 levels from pixel to pixel, seen in four fifths of its light.
+        let floor: std::vec::Vec<u16> = (0..size.area())
+            .map(|i| (120 + 60 * (i % 2) as u16) * 256)
+            .collect();
+        for sigma in [1.0, 3.0, 12.0] {
+            let frame: std::vec::Vec<u8> = floor
+                .iter()
+                .map(|&floor| (0.8 * f32::from(floor) / 256.0 + sigma * normal()).round() as u8)
+                .collect();
+            let noise = frame_noise([&frame; 3], [&floor; 3], [0.8; 3], size);
+            let expected = (sigma * sigma + 1.0 / 12.0).sqrt();
+            assert!(
+                (noise / expected - 1.0).abs() < 0.06,
+                "{noise}, not {expected}"
+            );
+        }
     }
 }

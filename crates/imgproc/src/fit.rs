@@ -1,0 +1,751 @@
+//! Pose of a known shape, from all grey pixels that show it (Gauss-Newton; Lucas and Kanade 1981 with the parameters of a
+//! camera).
+//!
+//! A dark shape stands on a light, square plate. Its picture is known for every blur ([`Layers`]); place, turn and size of the
+//! plate, blur, contrast and the light with its slope are unknown and are found by least squares:
+//!
+//! ```text
+//! grey(x, y) = (light + slope · (x - x0, y - y0)) (1 - contrast · coverage(u, v; blur))
+//! (u, v)     = turned back by `turn` (x - centre) / plate
+//! ```
+//!
+//! A contour uses the pixels that it runs through, and of each but one number; the fit uses what every pixel says of every
+//! unknown. What is left, the residual, is noise where the shape is the right one, and tells where it is not.
+//!
+//! # Range
+//!
+//! The fit starts from a pose that is right to within about a pixel and a tenth of the turn, as the descriptor of the contour
+//! gives it. Only pixels inside the plate count, those less than two blurs from its border not: what is beside the plate
+//! is unknown. Plates of more than [`PLATE_BINNED_PX`] are fitted to the means of square blocks of pixels.
+//!
+//! Cost: three to six rounds of about 150 operations a pixel of the plate.
+
+use crate::{Size, assert_len};
+
+/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and blur.
+const UNKNOWNS: usize = 9;
+const CONTRAST: usize = 3;
+const X: usize = 4;
+const Y: usize = 5;
+const TURN: usize = 6;
+const SIZE: usize = 7;
+const BLUR: usize = 8;
+
+/// Rounds at most; most fits end after three or four.
+const ROUNDS_MAX: usize = 8;
+
+/// From this plate on, pixels are taken together in blocks, so that a plate is never more than twice as many blocks across.
+pub const PLATE_BINNED_PX: f32 = 80.0;
+
+/// Pixels nearer to the plate's border than so many blurs do not count.
+const BORDER_BLURS: f32 = 1.8;
+
+/// Variance of where in its pixel light arrives.
+const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
+
+/// A shape's picture at several blurs. Each layer is a square grid of samples over the plate and what is around it.
+#[derive(Debug, Clone, Copy)]
+pub struct Layers<'a> {
+    /// Layer after layer, row after row: coverage by the shape, 0 to 1, and its derivatives along u and v. The fourth value
+    /// is not used.
+    pub samples: &'a [[f32; 4]],
+    /// Samples in a row, and rows.
+    pub side: usize,
+    /// Samples over the side of the plate, whose centre is in the middle of the grid.
+    pub per_plate: f32,
+    /// Standard deviation of the first layer's blur, in units of the plate's side.
+    pub first_blur: f32,
+    /// Blur of a layer over that of the one before.
+    pub blur_ratio: f32,
+}
+
+/// Where a plate is, and how sharp. The plane's pixels, x right, y down; turns from +x towards +y.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Centre of the plate.
+    pub centre: [f32; 2],
+    /// Turn of the drawing.
+    pub turn_rad: f32,
+    /// Side of the plate, pixels.
+    pub plate_px: f32,
+    /// Standard deviation of the lens's blur, pixels. That of the pixel itself comes on top.
+    pub blur_px: f32,
+}
+
+/// What is known before the fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// Noise of a pixel, grey levels.
+    pub noise: f32,
+    /// How sure the start's blur is: standard deviation of its natural logarithm.
+    pub blur_ln_sigma: f32,
+    /// The same of its plate.
+    pub plate_ln_sigma: f32,
+}
+
+/// What the pixels say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fit {
+    /// The pose.
+    pub pose: Pose,
+    /// Grey level of the bare plate at its centre.
+    pub light: f32,
+    /// Grey levels from the shape to the plate.
+    pub contrast: f32,
+    /// Root of the mean square of what is left, grey levels of a single pixel.
+    pub residual: f32,
+    /// Pixels, or blocks of them, that counted.
+    pub n: f32,
+    /// Pixels of a block's side: 1 where every pixel counted by itself.
+    pub block_px: usize,
+    /// Covariance of x, y and turn, for the noise of the prior or the residual, whichever is more.
+    pub covariance: [[f32; 3]; 3],
+    /// Variance of the logarithm of the blur.
+    pub blur_ln_variance: f32,
+}
+
+/// Fits a shape to a plane of grey values.
+///
+/// `None` where the pixels say nothing of the pose (plate outside of the plane, no contrast) or lead away from the start.
+///
+/// # Panics
+///
+/// When `plane` has not `size.area()` values, or `layers` holds no two whole layers.
+#[must_use]
+pub fn fit_shape(
+    plane: &[u8],
+    size: Size,
+    layers: Layers<'_>,
+    start: Pose,
+    prior: &Prior,
+) -> Option<Fit> {
+    assert_len("plane", plane.len(), size);
+    let n_layers = layers.samples.len() / (layers.side * layers.side);
+    assert!(
+        n_layers >= 2 && layers.samples.len() == n_layers * layers.side * layers.side,
+        "the layers hold {} samples, not two or more times {} x {0}",
+        layers.samples.len(),
+        layers.side
+    );
+    let block_px = (start.plate_px / (PLATE_BINNED_PX / 2.0)).max(1.0) as usize;
+    let view = View {
+        plane,
+        size,
+        layers,
+        n_layers,
+        block_px,
+        origin: start.centre,
+    };
+    let mut state = State {
+        light: 0.0,
+        slope: [0.0; 2],
+        share: 0.0,
+        pose: start,
+    };
+    let mut known = false;
+    let noise = f64::from(prior.noise / block_px as f32);
+    for round in 0..ROUNDS_MAX {
+        let mut normal = view.normal(&state);
+        if normal.n < UNKNOWNS as f32 + 3.0 {
+            return None;
+        }
+        if !known {
+            // Light and contrast first: without them the derivatives of the pose are zero.
+            state.start_light(&normal)?;
+            known = true;
+            continue;
+        }
+        let freedom = f64::from(normal.n) - UNKNOWNS as f64;
+        let variance = (normal.squares / freedom).max(noise * noise);
+        let add_prior = |normal: &mut Normal, i: usize, off: f32, sigma: f32| {
+            let weight = variance / f64::from(sigma * sigma);
+            normal.matrix[i][i] += weight;
+            normal.right[i] -= weight * f64::from(off);
+        };
+        let ln = |a: f32, b: f32| libm::logf(a / b);
+        let pose = state.pose;
+        add_prior(
+            &mut normal,
+            BLUR,
+            ln(pose.blur_px, start.blur_px),
+            prior.blur_ln_sigma,
+        );
+        add_prior(
+            &mut normal,
+            SIZE,
+            ln(pose.plate_px, start.plate_px),
+            prior.plate_ln_sigma,
+        );
+        let inverse = inverse(&normal.matrix)?;
+        let step: [f64; UNKNOWNS] = core::array::from_fn(|i| {
+            (0..UNKNOWNS)
+                .map(|k| inverse[i][k] * normal.right[k])
+                .sum::<f64>()
+        });
+        let small = step[X].abs() < 1e-3
+            && step[Y].abs() < 1e-3
+            && step[TURN].abs() < 1e-3 / f64::from(pose.plate_px)
+            && step[SIZE].abs() < 1e-3
+            && step[BLUR].abs() < 1e-2;
+        if small || round + 1 == ROUNDS_MAX {
+            let covariance =
+                [X, Y, TURN].map(|i| [X, Y, TURN].map(|k| (variance * inverse[i][k]) as f32));
+            return Some(Fit {
+                pose: state.pose,
+                light: state.light,
+                contrast: state.light * state.share,
+                residual: libm::sqrt(normal.squares / freedom) as f32 * block_px as f32,
+                n: normal.n,
+                block_px,
+                covariance,
+                blur_ln_variance: (variance * inverse[BLUR][BLUR]) as f32,
+            });
+        }
+        state.take(&step);
+        if !state.is_near(&start) {
+            return None;
+        }
+    }
+    None
+}
+
+/// The unknowns.
+#[derive(Debug, Clone, Copy)]
+struct State {
+    light: f32,
+    /// Per plate side.
+    slope: [f32; 2],
+    /// Of the light that the shape does not send back.
+    share: f32,
+    pose: Pose,
+}
+
+impl State {
+    /// Light and contrast of least squares for a pose, without a slope. `None` when the shape is not darker than its plate.
+    fn start_light(&mut self, normal: &Normal) -> Option<()> {
+        // With no contrast yet the model is `light`: its derivative is 1, and that of the contrast the coverage.
+        let [n, t, tt] = [normal.weights[0], normal.weights[1], normal.weights[2]];
+        let [g, gt] = [normal.weights[3], normal.weights[4]];
+        let determinant = n * tt - t * t;
+        if determinant < 1e-3 * n * n {
+            return None;
+        }
+        let light = (g * tt - gt * t) / determinant;
+        let dark = (g * t - n * gt) / determinant;
+        if !(light > 1.0 && dark > 0.05 * light) {
+            return None;
+        }
+        self.light = light as f32;
+        self.share = (dark / light) as f32;
+        Some(())
+    }
+
+    fn take(&mut self, step: &[f64; UNKNOWNS]) {
+        let step = step.map(|s| s as f32);
+        let pose = &mut self.pose;
+        let reach = (0.15 * pose.plate_px).min(2.0);
+        self.light += step[0];
+        self.slope[0] += step[1];
+        self.slope[1] += step[2];
+        self.share = (self.share + step[CONTRAST]).clamp(0.02, 1.2);
+        pose.centre[0] += step[X].clamp(-reach, reach);
+        pose.centre[1] += step[Y].clamp(-reach, reach);
+        pose.turn_rad += step[TURN].clamp(-0.3, 0.3);
+        pose.plate_px *= libm::expf(step[SIZE].clamp(-0.15, 0.15));
+        pose.blur_px *= libm::expf(step[BLUR].clamp(-0.4, 0.4));
+    }
+
+    fn is_near(&self, start: &Pose) -> bool {
+        let pose = &self.pose;
+        let reach = 1.0 + 0.15 * start.plate_px;
+        (pose.centre[0] - start.centre[0]).abs() < reach
+            && (pose.centre[1] - start.centre[1]).abs() < reach
+            && (pose.turn_rad - start.turn_rad).abs() < 0.8
+            && (0.6..1.7).contains(&(pose.plate_px / start.plate_px))
+            && (0.02..12.0).contains(&pose.blur_px)
+    }
+}
+
+/// Normal equations of one round.
+struct Normal {
+    matrix: [[f64; UNKNOWNS]; UNKNOWNS],
+    right: [f64; UNKNOWNS],
+    squares: f64,
+    n: f32,
+    /// Sums of 1, coverage, its square, grey, grey times coverage.
+    weights: [f64; 5],
+}
+
+/// What is looked at.
+struct View<'a> {
+    plane: &'a [u8],
+    size: Size,
+    layers: Layers<'a>,
+    n_layers: usize,
+    block_px: usize,
+    /// Where the slope of the light is zero.
+    origin: [f32; 2],
+}
+
+impl View<'_> {
+    fn normal(&self, state: &State) -> Normal {
+        let Pose {
+            centre,
+            turn_rad,
+            plate_px,
+            blur_px,
+        } = state.pose;
+        let (sin, cos) = libm::sincosf(turn_rad);
+        let block = self.block_px as f32;
+        let spread_px = libm::sqrtf(blur_px * blur_px + PIXEL_VARIANCE * block * block);
+        let blend = self.blend(spread_px / plate_px);
+        let half_px = plate_px / 2.0 - BORDER_BLURS * spread_px;
+        let mut normal = Normal {
+            matrix: [[0.0; UNKNOWNS]; UNKNOWNS],
+            right: [0.0; UNKNOWNS],
+            squares: 0.0,
+            n: 0.0,
+            weights: [0.0; 5],
+        };
+        // Columns and rows of blocks, the first centred on the pixel (block - 1) / 2.
+        let reach = (half_px + 1.0).max(0.0) * (sin.abs() + cos.abs());
+        let middle = (block - 1.0) / 2.0;
+        let span = |centre: f32, length: usize| {
+            let from = ((centre - reach - middle) / block).max(0.0) as usize;
+            let to = ((centre + reach - middle) / block + 1.0).max(0.0) as usize;
+            from..(to + 1).min(length / self.block_px).max(from)
+        };
+        for row in span(centre[1], self.size.height) {
+            let mut sums = RowSums::default();
+            let y = row as f32 * block + middle;
+            for column in span(centre[0], self.size.width) {
+                let x = column as f32 * block + middle;
+                let (dx, dy) = (x - centre[0], y - centre[1]);
+                let (along, across) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                // Full weight from half a pixel inside of the limit on.
+                let inside = (half_px - along.abs()).min(half_px - across.abs()) / block + 0.5;
+                if inside <= 0.0 {
+                    continue;
+                }
+                let (u, v) = (along / plate_px, across / plate_px);
+                let Some([t, tu, tv, tblur]) = self.coverage(u, v, &blend) else {
+                    continue;
+                };
+                let grey = self.grey(column, row);
+                let slope = [
+                    (x - self.origin[0]) / plate_px,
+                    (y - self.origin[1]) / plate_px,
+                ];
+                let light = state.light + state.slope[0] * slope[0] + state.slope[1] * slope[1];
+                let bare = 1.0 - state.share * t;
+                let dark = -light * state.share;
+                let derivatives = [
+                    bare,
+                    slope[0] * bare,
+                    slope[1] * bare,
+                    -light * t,
+                    dark * (sin * tv - cos * tu) / plate_px,
+                    dark * (-sin * tu - cos * tv) / plate_px,
+                    dark * (tu * v - tv * u),
+                    dark * (-tu * u - tv * v - tblur),
+                    // The pixel's own part of the blur does not change.
+                    dark * tblur * (blur_px * blur_px) / (spread_px * spread_px),
+                ];
+                sums.add(inside.min(1.0), derivatives, grey - light * bare, t, grey);
+            }
+            sums.add_to(&mut normal);
+        }
+        for i in 0..UNKNOWNS {
+            for k in 0..i {
+                normal.matrix[i][k] = normal.matrix[k][i];
+            }
+        }
+        normal
+    }
+
+    /// Mean of a block's pixels.
+    fn grey(&self, column: usize, row: usize) -> f32 {
+        let n = self.block_px;
+        if n == 1 {
+            return f32::from(self.plane[row * self.size.width + column]);
+        }
+        let mut sum = 0;
+        for y in row * n..(row + 1) * n {
+            let start = y * self.size.width + column * n;
+            sum += self.plane[start..start + n]
+                .iter()
+                .map(|&grey| u32::from(grey))
+                .sum::<u32>();
+        }
+        sum as f32 / (n * n) as f32
+    }
+
+    /// The layers on either side of a blur.
+    fn blend(&self, blur: f32) -> Blend {
+        let layers_per_ln = 1.0 / libm::logf(self.layers.blur_ratio);
+        let layer = libm::logf(blur / self.layers.first_blur) * layers_per_ln;
+        let layer = layer.clamp(0.0, (self.n_layers - 1) as f32);
+        let below = (layer as usize).min(self.n_layers - 2);
+        Blend {
+            below,
+            share: layer - below as f32,
+            layers_per_ln,
+        }
+    }
+
+    /// Coverage at a point of the plate, its derivatives along u and v and for the logarithm of the blur; `None` outside of
+    /// the grid.
+    fn coverage(&self, u: f32, v: f32, blend: &Blend) -> Option<[f32; 4]> {
+        let Layers {
+            samples,
+            side,
+            per_plate,
+            ..
+        } = self.layers;
+        let middle = (side - 1) as f32 / 2.0;
+        let (x, y) = (u * per_plate + middle, v * per_plate + middle);
+        let last = (side - 1) as f32;
+        if !(x >= 0.0 && y >= 0.0 && x < last && y < last) {
+            return None;
+        }
+        let (column, row) = (x as usize, y as usize);
+        let (x, y) = (x - column as f32, y - row as f32);
+        let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
+        let at = |layer: usize| {
+            let first = (layer * side + row) * side + column;
+            let taps = [first, first + 1, first + side, first + side + 1];
+            let mut sum = [0.0f32; 4];
+            for (tap, weight) in taps.into_iter().zip(weights) {
+                for (sum, sample) in sum.iter_mut().zip(samples[tap]) {
+                    *sum += weight * sample;
+                }
+            }
+            sum
+        };
+        let (sharp, soft) = (at(blend.below), at(blend.below + 1));
+        let mix = |i: usize| sharp[i] + blend.share * (soft[i] - sharp[i]);
+        let by_blur = (soft[0] - sharp[0]) * blend.layers_per_ln;
+        Some([mix(0), mix(1), mix(2), by_blur])
+    }
+}
+
+/// Two neighbouring layers.
+struct Blend {
+    below: usize,
+    /// Of the layer above.
+    share: f32,
+    layers_per_ln: f32,
+}
+
+/// Sums over one row of pixels, in single precision.
+#[derive(Default)]
+struct RowSums {
+    matrix: [[f32; UNKNOWNS]; UNKNOWNS],
+    right: [f32; UNKNOWNS],
+    squares: f32,
+    n: f32,
+    weights: [f32; 5],
+}
+
+impl RowSums {
+    #[inline]
+    fn add(
+        &mut self,
+        weight: f32,
+        derivatives: [f32; UNKNOWNS],
+        residual: f32,
+        coverage: f32,
+        grey: f32,
+    ) {
+        for i in 0..UNKNOWNS {
+            let weighted = weight * derivatives[i];
+            let products = self.matrix[i][i..].iter_mut().zip(&derivatives[i..]);
+            for (sum, derivative) in products {
+                *sum += weighted * derivative;
+            }
+            self.right[i] += weighted * residual;
+        }
+        self.squares += weight * residual * residual;
+        self.n += weight;
+        let moments = [1.0, coverage, coverage * coverage, grey, grey * coverage];
+        for (sum, moment) in self.weights.iter_mut().zip(moments) {
+            *sum += weight * moment;
+        }
+    }
+
+    fn add_to(&self, normal: &mut Normal) {
+        for i in 0..UNKNOWNS {
+            for k in i..UNKNOWNS {
+                normal.matrix[i][k] += f64::from(self.matrix[i][k]);
+            }
+            normal.right[i] += f64::from(self.right[i]);
+        }
+        normal.squares += f64::from(self.squares);
+        normal.n += self.n;
+        for (sum, row) in normal.weights.iter_mut().zip(self.weights) {
+            *sum += f64::from(row);
+        }
+    }
+}
+
+/// Inverse of a symmetric, positive matrix by Cholesky's decomposition; `None` where it is not positive.
+fn inverse(matrix: &[[f64; UNKNOWNS]; UNKNOWNS]) -> Option<[[f64; UNKNOWNS]; UNKNOWNS]> {
+    let mut lower = [[0.0; UNKNOWNS]; UNKNOWNS];
+    for i in 0..UNKNOWNS {
+        for k in 0..=i {
+            let known: f64 = (0..k).map(|j| lower[i][j] * lower[k][j]).sum();
+            let left = matrix[i][k] - known;
+            if i == k {
+                // What depends on the other unknowns alone has no digits left.
+                if left.is_nan() || left <= 1e-12 * matrix[i][i] {
+                    return None;
+                }
+                lower[i][i] = libm::sqrt(left);
+            } else {
+                lower[i][k] = left / lower[k][k];
+            }
+        }
+    }
+    let mut out = [[0.0; UNKNOWNS]; UNKNOWNS];
+    for column in 0..UNKNOWNS {
+        let mut x = [0.0; UNKNOWNS];
+        for i in 0..UNKNOWNS {
+            let known: f64 = (0..i).map(|j| lower[i][j] * x[j]).sum();
+            x[i] = (f64::from(u8::from(i == column)) - known) / lower[i][i];
+        }
+        for i in (0..UNKNOWNS).rev() {
+            let known: f64 = (i + 1..UNKNOWNS).map(|j| lower[j][i] * x[j]).sum();
+            x[i] = (x[i] - known) / lower[i][i];
+        }
+        for (row, x) in out.iter_mut().zip(x) {
+            row[column] = x;
+        }
+    }
+    Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::{vec, vec::Vec};
+
+    const SIDE: usize = 105;
+    const PER_PLATE: f32 = 96.0;
+    const FIRST_BLUR: f32 = 0.01;
+    const LAYERS: usize = 11;
+
+    /// Rectangles that make up a flag on its pole: left, top, right, bottom in units of the plate.
+    const FLAG: [[f32; 4]; 2] = [[-0.2, -0.35, -0.05, 0.35], [-0.05, -0.35, 0.3, 0.0]];
+
+    /// The error function, to 1e-7 (Abramowitz and Stegun 7.1.26).
+    fn erf(x: f64) -> f64 {
+        let t = 1.0 / (1.0 + 0.3275911 * x.abs());
+        let poly = [
+            1.061405429,
+            -1.453152027,
+            1.421413741,
+            -0.284496736,
+            0.254829592,
+        ]
+        .into_iter()
+        .fold(0.0, |sum, c| (sum + c) * t);
+        (1.0 - poly * (-x * x).exp()).copysign(x)
+    }
+
+    /// The flag through a Gaussian lens: rectangles are products of two edges in x and two in y.
+    fn coverage(u: f32, v: f32, blur: f32) -> f32 {
+        let edge = |d: f32| 0.5 * erf(f64::from(d / blur) / 2f64.sqrt());
+        let within = |c: f32, from: f32, to: f32| edge(c - from) - edge(c - to);
+        FLAG.iter()
+            .map(|&[left, top, right, bottom]| within(u, left, right) * within(v, top, bottom))
+            .sum::<f64>() as f32
+    }
+
+    fn samples() -> Vec<[f32; 4]> {
+        let mut samples = Vec::new();
+        for layer in 0..LAYERS as i32 {
+            let blur = FIRST_BLUR * 2f32.sqrt().powi(layer);
+            let h = 1e-3;
+            for i in 0..SIDE * SIDE {
+                let at = |i: usize| (i as f32 - (SIDE / 2) as f32) / PER_PLATE;
+                let (u, v) = (at(i % SIDE), at(i / SIDE));
+                let along = (coverage(u + h, v, blur) - coverage(u - h, v, blur)) / (2.0 * h);
+                let across = (coverage(u, v + h, blur) - coverage(u, v - h, blur)) / (2.0 * h);
+                samples.push([coverage(u, v, blur), along, across, 0.0]);
+            }
+        }
+        samples
+    }
+
+    fn layers(samples: &[[f32; 4]]) -> Layers<'_> {
+        Layers {
+            samples,
+            side: SIDE,
+            per_plate: PER_PLATE,
+            first_blur: FIRST_BLUR,
+            blur_ratio: 2f32.sqrt(),
+        }
+    }
+
+    /// A plate in light that grows to the right, before a background of another level.
+    fn picture(size: Size, pose: &Pose, mut noise: impl FnMut() -> f32) -> Vec<u8> {
+        let (sin, cos) = pose.turn_rad.sin_cos();
+        let spread = (pose.blur_px * pose.blur_px + PIXEL_VARIANCE).sqrt() / pose.plate_px;
+        (0..size.area())
+            .map(|i| {
+                let [dx, dy] = [
+                    (i % size.width) as f32 - pose.centre[0],
+                    (i / size.width) as f32 - pose.centre[1],
+                ];
+                let u = (cos * dx + sin * dy) / pose.plate_px;
+                let v = (cos * dy - sin * dx) / pose.plate_px;
+                let grey = if u.abs().max(v.abs()) > 0.5 {
+                    90.0
+                } else {
+                    (200.0 + 0.3 * dx) * (1.0 - 0.8 * coverage(u, v, spread))
+                };
+                (grey + noise()).round().clamp(0.0, 255.0) as u8
+            })
+            .collect()
+    }
+
+    const SIZE: Size = Size {
+        width: 180,
+        height: 170,
+    };
+
+    const PRIOR: Prior = Prior {
+        noise: 0.3,
+        blur_ln_sigma: 0.35,
+        plate_ln_sigma: 0.1,
+    };
+
+    fn near(pose: &Pose) -> Pose {
+        Pose {
+            centre: [pose.centre[0] + 0.7, pose.centre[1] - 0.6],
+            turn_rad: pose.turn_rad + 0.12,
+            plate_px: pose.plate_px * 1.06,
+            blur_px: 0.65,
+        }
+    }
+
+    #[test]
+    fn the_pose_is_found_from_a_start_nearby() {
+        let samples = samples();
+        for (i, plate_px) in [12.0, 16.0, 24.0, 48.0, 79.0, 81.0, 130.0]
+            .into_iter()
+            .enumerate()
+        {
+            let truth = Pose {
+                centre: [88.3 + 0.11 * i as f32, 84.8],
+                turn_rad: 0.9 * i as f32 - 2.0,
+                plate_px,
+                blur_px: 0.8,
+            };
+            let plane = picture(SIZE, &truth, || 0.0);
+            let fit = fit_shape(&plane, SIZE, layers(&samples), near(&truth), &PRIOR)
+                .expect("a plate that is there");
+            let off =
+                (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+            let turned = (fit.pose.turn_rad - truth.turn_rad).abs();
+            assert!(off < 0.01, "{plate_px}: {off} px");
+            assert!(turned < 0.03 / plate_px, "{plate_px}: {turned} rad");
+            assert!((fit.pose.plate_px / plate_px - 1.0).abs() < 0.01);
+            // The means of blocks say little of a blur that is smaller than a block.
+            let shows_blur = fit.block_px == 1;
+            assert!(
+                !shows_blur || (fit.pose.blur_px - 0.8).abs() < 0.2,
+                "{plate_px}: {}",
+                fit.pose.blur_px
+            );
+            assert!((fit.light - 200.0).abs() < 2.0 && (fit.contrast - 160.0).abs() < 3.0);
+            assert!(
+                fit.residual < 4.0 * fit.block_px as f32,
+                "{plate_px}: {}",
+                fit.residual
+            );
+        }
+    }
+
+    #[test]
+    fn errors_are_as_large_as_the_covariance_says() {
+        let samples = samples();
+        let mut state = 1u64;
+        let mut normal = || {
+            (0..12)
+                .map(|_| {
+                    state = state
+                        .wrapping_mul(6364136223846793005)
+                        .wrapping_add(1442695040888963407);
+                    (state >> 40) as f32 / (1u64 << 24) as f32 - 0.5
+                })
+                .sum::<f32>()
+        };
+        let (mut squares, n) = ([0.0; 3], 300);
+        for i in 0..n {
+            let truth = Pose {
+                centre: [30.0 + normal(), 31.0 + normal()],
+                turn_rad: i as f32,
+                plate_px: 20.0,
+                blur_px: 0.7,
+            };
+            let size = Size {
+                width: 60,
+                height: 60,
+            };
+            let plane = picture(size, &truth, || 8.0 * normal());
+            let prior = Prior {
+                noise: 8.0,
+                ..PRIOR
+            };
+            let fit = fit_shape(&plane, size, layers(&samples), near(&truth), &prior)
+                .expect("a plate that is there");
+            let error = [
+                fit.pose.centre[0] - truth.centre[0],
+                fit.pose.centre[1] - truth.centre[1],
+                fit.pose.turn_rad - truth.turn_rad,
+            ];
+            for (i, sum) in squares.iter_mut().enumerate() {
+                *sum += error[i] * error[i] / fit.covariance[i][i] / n as f32;
+            }
+        }
+        // Of 300 errors the mean square is right to 8 %: five times that.
+        for square in squares {
+            assert!((0.6..1.4).contains(&square), "{squares:?}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_found_where_nothing_is() {
+        let samples = samples();
+        let pose = Pose {
+            centre: [20.0, 20.0],
+            turn_rad: 0.0,
+            plate_px: 24.0,
+            blur_px: 0.6,
+        };
+        let size = Size {
+            width: 40,
+            height: 40,
+        };
+        let flat = vec![100; size.area()];
+        assert_eq!(fit_shape(&flat, size, layers(&samples), pose, &PRIOR), None);
+        let outside = Pose {
+            centre: [-30.0, 500.0],
+            ..pose
+        };
+        assert_eq!(
+            fit_shape(&flat, size, layers(&samples), outside, &PRIOR),
+            None
+        );
+        // What is lighter than its plate is no marker.
+        let light: Vec<u8> = picture(size, &pose, || 0.0)
+            .iter()
+            .map(|g| 255 - g)
+            .collect();
+        assert_eq!(
+            fit_shape(&light, size, layers(&samples), pose, &PRIOR),
+            None
+        );
+    }
+}
