@@ -228,15 +228,14 @@ impl FloorPoint {
         (y.atan2(x), growth)
     }
 
-    /// Covariance on the floor of a position with this variance in either axis of the picture.
+    /// Covariance on the floor of a position with this covariance in the picture.
     #[must_use]
-    pub fn covariance(&self, variance_px2: f64) -> [[f64; 2]; 2] {
-        let [[a, b], [c, d]] = self.jacobian;
-        let xy = variance_px2 * (a * c + b * d);
-        [
-            [variance_px2 * (a * a + b * b), xy],
-            [xy, variance_px2 * (c * c + d * d)],
-        ]
+    pub fn covariance(&self, covariance_px2: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        let [[xx, xy], [_, yy]] = covariance_px2;
+        let across =
+            |[a, b]: [f64; 2], [c, d]: [f64; 2]| a * (xx * c + xy * d) + b * (xy * c + yy * d);
+        let [x, y] = self.jacobian;
+        [[across(x, x), across(x, y)], [across(y, x), across(y, y)]]
     }
 }
 
@@ -362,7 +361,7 @@ mod tests {
         assert!((heading + std::f64::consts::FRAC_PI_2).abs() < 1e-9);
         assert!((growth - 1.0).abs() < 1e-9);
         assert!((floor.metres_per_px() - 0.01).abs() < 1e-9);
-        let [[xx, xy], [_, yy]] = floor.covariance(4.0);
+        let [[xx, xy], [_, yy]] = floor.covariance([[4.0, 0.0], [0.0, 4.0]]);
         assert!((xx - 4e-4).abs() < 1e-9 && (yy - 4e-4).abs() < 1e-9 && xy.abs() < 1e-9);
     }
 

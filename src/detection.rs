@@ -7,7 +7,8 @@ use imgproc::contour::{
 use imgproc::{Bounds, Point, Size};
 
 use crate::frame::Picture;
-use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_figures};
+use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_plates};
+use crate::marker::optics::Optics;
 use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::outline::{Outline, simplified};
 
@@ -25,15 +26,15 @@ pub(crate) struct Detection {
     pub(crate) marker: Option<Recognised>,
     /// Centre of the plate, or of the contour's area.
     pub(crate) centre: [f64; 2],
-    /// Variance of the centre in either axis, px².
-    pub(crate) variance_px2: f64,
+    /// Covariance of the centre, px².
+    pub(crate) covariance: [[f64; 2]; 2],
     /// Side of the plate, or square root of the contour's area.
     pub(crate) size_px: f64,
     /// The whole object.
     pub(crate) outline: Outline,
 }
 
-/// Memory for one frame's detections. What it holds between two calls has no influence.
+/// Memory for one frame's detections, and what is known of the camera's optics.
 #[derive(Debug)]
 pub(crate) struct Detector {
     size: Size,
@@ -43,6 +44,7 @@ pub(crate) struct Detector {
     mask: Vec<u8>,
     grey: Vec<u8>,
     cutout: CutoutScratch,
+    optics: Optics,
     detections: Vec<Detection>,
 }
 
@@ -57,21 +59,29 @@ impl Detector {
             mask: vec![0; size.area()],
             grey: vec![0; size.area()],
             cutout: CutoutScratch::new(size),
+            optics: Optics::new(),
             detections: Vec::with_capacity(MAX_DETECTIONS),
         }
     }
 
+    /// Forgets what is known of the camera's optics: another floor may mean another camera.
+    pub(crate) fn forget_optics(&mut self) {
+        self.optics = Optics::new();
+    }
+
     /// Everything in the mask, in reading order, and how many shapes and markers found no room or had too long a contour.
-    /// Uses the mask up.
+    /// Uses the mask up. `noise` is that of a pixel, grey levels.
     pub(crate) fn detect(
         &mut self,
         mask: &mut [u8],
         picture: &Picture,
+        noise: f32,
         family: &Family,
         area_min_px2: usize,
         settings: &RecognitionSettings,
     ) -> (&[Detection], u32) {
         self.detections.clear();
+        self.optics.noise = noise;
         let mut overflow = 0;
         let mut from = 0;
         while let Some(start) = next_shape(mask, self.size, from) {
@@ -90,6 +100,8 @@ impl Detector {
                 _ => overflow += 1,
             }
         }
+        let read = self.detections.iter().filter_map(|d| d.marker);
+        self.optics.learn(read.map(|marker| marker.blur));
         (&self.detections, overflow)
     }
 
@@ -113,25 +125,27 @@ impl Detector {
         crop_grey(picture, around, grey);
         let cutout = Cutout { size, grey, mask };
         let (mut found, mut lost) = (false, 0);
-        find_figures(cutout, &mut self.cutout, |figure| {
-            if let Some(marker) = family.recognise(&figure, cutout, settings) {
-                found = true;
-                if self.detections.len() == MAX_DETECTIONS {
-                    lost += 1;
-                    return;
-                }
-                let [x, y] = marker.centre;
-                self.detections.push(Detection {
-                    marker: Some(marker),
-                    centre: [
-                        f64::from(x) + f64::from(around.left),
-                        f64::from(y) + f64::from(around.top),
-                    ],
-                    variance_px2: f64::from(marker.centre_sigma_px).powi(2),
-                    size_px: f64::from(marker.plate_px),
-                    outline,
-                });
+        find_plates(cutout, &mut self.cutout, |plate| {
+            let Some(marker) = family.recognise(&plate, cutout, &self.optics, settings) else {
+                return false;
+            };
+            found = true;
+            if self.detections.len() == MAX_DETECTIONS {
+                lost += 1;
+                return true;
             }
+            let [x, y] = marker.centre;
+            self.detections.push(Detection {
+                marker: Some(marker),
+                centre: [
+                    f64::from(x) + f64::from(around.left),
+                    f64::from(y) + f64::from(around.top),
+                ],
+                covariance: [0, 1].map(|i| [0, 1].map(|k| f64::from(marker.covariance[i][k]))),
+                size_px: f64::from(marker.plate_px),
+                outline,
+            });
+            true
         });
         if !found {
             self.polygon.clear();
@@ -141,7 +155,7 @@ impl Detector {
             self.detections.push(Detection {
                 marker: None,
                 centre: region.centre.map(f64::from),
-                variance_px2: OBSTACLE_VARIANCE_PX2,
+                covariance: [[OBSTACLE_VARIANCE_PX2, 0.0], [0.0, OBSTACLE_VARIANCE_PX2]],
                 size_px: f64::from(region.area.max(0.0).sqrt()),
                 outline,
             });

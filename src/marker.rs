@@ -2,26 +2,26 @@
 //!
 //! [`drawing`] reads a marker from its SVG file, `cutout` finds the dark figures on the bright plates of a shape.
 //!
-//! A figure is a marker when three things agree: the descriptor's distance from a `reference`, the area of the plate for the
-//! area of the figure, and the `pattern` of light and dark over the whole plate.
+//! A figure is looked up among the `reference`s by the descriptor of its contour; the `template`s of the likely ones are
+//! fitted to the pixels of the plate, and what the fit leaves decides (`recognition`). What the camera does to every plate
+//! alike, blur and noise, is learned meanwhile (`optics`).
 
 pub(crate) mod cutout;
 pub mod drawing;
-mod pattern;
+pub(crate) mod optics;
+mod recognition;
 pub(crate) mod reference;
+mod template;
 
 use std::path::Path;
 
-use fourier::descriptor::{Descriptor, describe};
-use fourier::matching::{Match, compare, distances};
-use fourier::{N, contour::resample, wrapped};
+use fourier::descriptor::Descriptor;
+use fourier::matching::{compare, distances};
 
-use crate::marker::cutout::{Cutout, Figure};
 use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
-use crate::marker::pattern::Pattern;
-use crate::marker::reference::{
-    BLURS_PX, NoReference, ORIENTATION_MIN, PLATES_PX, Placement, Reference,
-};
+pub use crate::marker::recognition::{Recognised, RecognitionSettings};
+use crate::marker::reference::{BLURS_PX, NoReference, PLATES_PX, Reference};
+use crate::marker::template::Template;
 
 /// The built-in family: name and SVG text.
 pub const BUILT_IN: [(&str, &str); 9] = [
@@ -43,10 +43,6 @@ pub const ELONGATION_MIN: f32 = 0.1;
 /// points, in units of the size.
 pub const SEPARATION_MIN: f32 = 0.012;
 
-/// Greatest distance of a figure from its reference: half as far, hence a quarter of the squares, as two markers are apart at
-/// least. No figure is that near to two of them.
-pub const DISTANCE_MAX: f32 = SEPARATION_MIN / 4.0;
-
 /// Bytes of the longest name.
 const NAME_MAX: usize = scene::NAME_BYTES;
 
@@ -57,38 +53,6 @@ pub struct MarkerFile {
     pub name: String,
     /// The file's text.
     pub svg: String,
-}
-
-/// How sure a figure must be to count as a marker.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RecognitionSettings {
-    /// Greatest distance from the reference: mean square of the distance of the contours' points, in units of the size.
-    pub distance_max: f32,
-    /// Smallest plate, side in pixels.
-    pub plate_min_px: f32,
-    /// Largest plate, side in pixels.
-    pub plate_max_px: f32,
-    /// Least share of the plate's pattern that is light or dark as drawn, 0 to 1.
-    pub pattern_min: f32,
-}
-
-/// A recognised marker, in the coordinates of the cut-out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recognised {
-    /// Index in the family.
-    pub marker: usize,
-    /// Centre of the plate, pixels.
-    pub centre: [f32; 2],
-    /// Direction in which the drawing points up, from +x towards +y.
-    pub heading_rad: f32,
-    /// Side of the plate, pixels.
-    pub plate_px: f32,
-    /// Distance of the descriptor from the reference.
-    pub distance: f32,
-    /// Standard deviation of the centre, pixels, either axis.
-    pub centre_sigma_px: f32,
-    /// Standard deviation of the heading.
-    pub heading_sigma_rad: f32,
 }
 
 /// Why a family cannot be used.
@@ -178,7 +142,7 @@ struct Marker {
     name: String,
     /// For each of [`BLURS_PX`] those of [`PLATES_PX`] on which it can be read, in ascending order.
     references: Vec<Vec<Reference>>,
-    pattern: Pattern,
+    template: Template,
 }
 
 impl Family {
@@ -243,85 +207,10 @@ impl Family {
     pub fn name(&self, marker: usize) -> &str {
         &self.markers[marker].name
     }
-
-    /// Which marker a figure is, and its pose; `None` when it is none.
-    pub(crate) fn recognise(
-        &self,
-        figure: &Figure<'_>,
-        cutout: Cutout<'_>,
-        settings: &RecognitionSettings,
-    ) -> Option<Recognised> {
-        let descriptor = describe(&resample(figure.contour), ORIENTATION_MIN).ok()?;
-        let (marker, reference, found) = self.nearest(&descriptor)?;
-        let plate_px = descriptor.size_px * reference.plate_per_size;
-        let plate_area =
-            figure.plate_area_px2 as f32 / figure.region.area / reference.plate_area_per_figure;
-        let size_fits = (settings.plate_min_px..=settings.plate_max_px).contains(&plate_px);
-        if found.distance > settings.distance_max || !size_fits || plate_area < PLATE_AREA_MIN {
-            return None;
-        }
-        let (sin, cos) = found.turn_rad.sin_cos();
-        let [dx, dy] = reference.centre_from_figure.map(|d| d * descriptor.size_px);
-        let [x, y] = figure.region.centre;
-        let centre = [x + cos * dx - sin * dy, y + sin * dx + cos * dy];
-        let place = Placement {
-            centre,
-            turn_rad: found.turn_rad,
-            plate_px,
-        };
-        if self.markers[marker]
-            .pattern
-            .agreement(place, cutout, figure.split.threshold)
-            < settings.pattern_min
-        {
-            return None;
-        }
-        // What the reference does not explain is taken for noise of N independent points, by which their mean errs in either
-        // axis, and the turn by as much over the size.
-        let sigma_px =
-            descriptor.size_px * (found.distance / (2.0 * N as f32)).sqrt() + SIGMA_FLOOR_PX;
-        Some(Recognised {
-            marker,
-            centre,
-            // The drawing points up, against the y axis.
-            heading_rad: wrapped(found.turn_rad - std::f32::consts::FRAC_PI_2),
-            plate_px,
-            distance: found.distance,
-            centre_sigma_px: sigma_px,
-            heading_sigma_rad: sigma_px / descriptor.size_px,
-        })
-    }
-
-    /// The reference that is nearest to a descriptor, among those of about its size.
-    fn nearest(&self, descriptor: &Descriptor) -> Option<(usize, &Reference, Match)> {
-        self.markers
-            .iter()
-            .enumerate()
-            .flat_map(|(index, marker)| marker.references.iter().map(move |sizes| (index, sizes)))
-            .filter_map(|(index, sizes)| Some((index, nearest_size(sizes, descriptor.size_px)?)))
-            .map(|(index, reference)| {
-                (index, reference, compare(descriptor, &reference.descriptor))
-            })
-            .min_by(|(.., a), (.., b)| a.distance.total_cmp(&b.distance))
-    }
 }
-
-/// The reference whose size is nearest, as a ratio.
-fn nearest_size(references: &[Reference], size_px: f32) -> Option<&Reference> {
-    let ratio = |r: &&Reference| (r.descriptor.size_px / size_px).ln().abs();
-    references
-        .iter()
-        .min_by(|a, b| ratio(a).total_cmp(&ratio(b)))
-}
-
-/// A bare plate's area for that of its figure, against the reference: less means that the plate is not whole.
-const PLATE_AREA_MIN: f32 = 0.75;
 
 /// From this plate on every marker must be readable at every blur.
 const CLEAR_PLATE_PX: f32 = 32.0;
-
-/// Errors that do not show in the distance: position of the pixel grid, unknown blur.
-const SIGMA_FLOOR_PX: f32 = 0.02;
 
 impl Marker {
     fn learn(drawing: &Drawing) -> Result<Self, FamilyError> {
@@ -353,7 +242,7 @@ impl Marker {
         let marker = Self {
             name: name(),
             references,
-            pattern: Pattern::learn(drawing),
+            template: Template::new(drawing),
         };
         let elongation = marker.clearest().elongation();
         if elongation < ELONGATION_MIN {
@@ -422,15 +311,16 @@ pub fn read_folder(folder: &Path) -> Result<Vec<MarkerFile>, FamilyError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::marker::cutout::{CutoutScratch, find_figures};
-    use crate::marker::reference::render;
+    use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
+    use crate::marker::optics::Optics;
+    use crate::marker::reference::{Placement, render};
+    use fourier::wrapped;
     use imgproc::Size;
 
     const SETTINGS: RecognitionSettings = RecognitionSettings {
-        distance_max: DISTANCE_MAX,
+        misfit_max: 0.04,
         plate_min_px: 8.0,
         plate_max_px: 200.0,
-        pattern_min: 0.9,
     };
 
     fn marker(name: &str, path: &str) -> MarkerFile {
@@ -477,8 +367,10 @@ mod tests {
                     mask: &vec![1; size.area()],
                 };
                 let mut found = Vec::new();
-                find_figures(cutout, &mut CutoutScratch::new(size), |figure| {
-                    found.extend(family.recognise(&figure, cutout, &SETTINGS));
+                find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
+                    let read = family.recognise(&plate, cutout, &Optics::new(), &SETTINGS);
+                    found.extend(read);
+                    read.is_some()
                 });
                 let [pose] = found[..] else {
                     panic!("{name} at {turn}: {found:?}")
@@ -552,17 +444,22 @@ mod tests {
                         mask: &vec![1; size.area()],
                     };
                     shown += 1;
-                    find_figures(cutout, &mut CutoutScratch::new(size), |figure| {
-                        if let Some(pose) = family.recognise(&figure, cutout, &SETTINGS) {
-                            assert_eq!(
-                                pose.marker,
-                                index,
-                                "{} is taken for {}",
-                                drawing.name,
-                                family.name(pose.marker)
-                            );
-                            read += 1;
-                        }
+                    let mut optics = Optics::new();
+                    optics.noise = 6.0;
+                    find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
+                        let Some(pose) = family.recognise(&plate, cutout, &optics, &SETTINGS)
+                        else {
+                            return false;
+                        };
+                        assert_eq!(
+                            pose.marker,
+                            index,
+                            "{} is taken for {}",
+                            drawing.name,
+                            family.name(pose.marker)
+                        );
+                        read += 1;
+                        true
                     });
                 }
             }

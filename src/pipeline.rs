@@ -14,7 +14,7 @@ use crate::floor::learner::Learner;
 use crate::floor::region::Region;
 use crate::frame::{DecodeError, Picture, decode};
 use crate::marker::Family;
-use crate::segmentation::{Light, Segmenter};
+use crate::segmentation::{Light, Segmented, Segmenter};
 use crate::settings::Settings;
 use crate::slot::Slot;
 
@@ -151,13 +151,19 @@ impl Pipeline {
             return Ok(Outcome::Learning);
         };
 
-        let (mask, light, gains) = segmenter.segment(&self.picture, &self.settings.segmentation());
+        let Segmented {
+            mask,
+            light,
+            gains,
+            noise,
+        } = segmenter.segment(&self.picture, &self.settings.segmentation());
         if let Some(region) = &self.region {
             region.clear_outside(mask);
         }
         let (detections, overflow) = self.detector.detect(
             mask,
             &self.picture,
+            noise,
             &self.family,
             self.settings.area_min as usize,
             &self.settings.recognition(),
@@ -232,6 +238,7 @@ impl Pipeline {
             Learning::Idle => Learning::Idle,
         };
         if let Some(floor) = background {
+            self.detector.forget_optics();
             match &mut self.segmenter {
                 Some(segmenter) => segmenter.set_floor(floor),
                 None => self.segmenter = Some(Box::new(Segmenter::new(floor))),
@@ -266,11 +273,10 @@ fn tracking(
 
 /// A detection as the tracker takes it; `None` where it is not on the floor.
 fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<Observation> {
-    let variance = detection.variance_px2;
     let marker = detection.marker.map(|marker| marker.marker as u32);
     let heading = detection.marker.map(|marker| Heading {
         rad: f64::from(marker.heading_rad),
-        variance: f64::from(marker.heading_sigma_rad).powi(2),
+        variance: f64::from(marker.covariance[2][2]),
     });
     let (reach, area) = detection.outline.extent(detection.centre);
     let Some(calibration) = calibration else {
@@ -278,7 +284,7 @@ fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<O
         return Some(Observation {
             x,
             y,
-            covariance: [[variance, 0.0], [0.0, variance]],
+            covariance: detection.covariance,
             heading,
             marker,
             reach,
@@ -298,7 +304,7 @@ fn observe(detection: &Detection, calibration: Option<&Calibration>) -> Option<O
     Some(Observation {
         x,
         y,
-        covariance: floor.covariance(variance),
+        covariance: floor.covariance(detection.covariance),
         heading,
         marker,
         reach: reach * metres_per_px,

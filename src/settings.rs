@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::marker::{DISTANCE_MAX, RecognitionSettings};
+use crate::marker::RecognitionSettings;
 use crate::segmentation::SegmentationSettings;
 
 /// Settings of the pipeline. Lengths are pixels of the image.
@@ -23,10 +23,8 @@ pub struct Settings {
     pub plate_min: f32,
     /// Largest plate of a marker.
     pub plate_max: f32,
-    /// Greatest distance of a descriptor from its reference: mean square distance of the contours' points in units of their size.
-    pub marker_distance_max: f32,
-    /// Least share of a plate's pattern that must be light or dark as drawn.
-    pub marker_pattern_min: f32,
+    /// What a marker may leave unexplained besides noise: root mean square over its plate, share of the contrast.
+    pub marker_misfit_max: f32,
     /// Speed of the fastest object, in widths of the picture a second.
     pub top_speed: f64,
     /// Frames for which a missing object is replaced by its forecast.
@@ -42,10 +40,9 @@ impl Default for Settings {
             threshold: 5.0,
             shadow: 0.6,
             area_min: 80,
-            plate_min: 10.0,
+            plate_min: 8.0,
             plate_max: 400.0,
-            marker_distance_max: DISTANCE_MAX,
-            marker_pattern_min: 0.92,
+            marker_misfit_max: 0.04,
             top_speed: 0.75,
             misses_max: 8,
             confirm: 1,
@@ -66,10 +63,9 @@ impl Settings {
     /// The part that recognition needs.
     pub(crate) fn recognition(&self) -> RecognitionSettings {
         RecognitionSettings {
-            distance_max: self.marker_distance_max,
             plate_min_px: self.plate_min,
             plate_max_px: self.plate_max,
-            pattern_min: self.marker_pattern_min,
+            misfit_max: self.marker_misfit_max,
         }
     }
 }

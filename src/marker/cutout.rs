@@ -7,6 +7,9 @@
 //! 4. Light and dark levels are taken once more, around the marker; its contour is the line half-way
 //!    between them.
 //!
+//! On a plate of a dozen pixels, blur takes the light between the figure and what is dark beside the plate. The figure then has
+//! no contour, but the plate is still a square: where it lies and how it is turned is a start as well ([`Square`]).
+//!
 //! # Differences from the paper
 //!
 //! * The paper splits once and takes what is dark for the marker. A coloured or dark rim around the plate, or a robot darker
@@ -28,8 +31,17 @@ use imgproc::{Bounds, Point, Size, crop};
 /// Opening and closing from this width and height of a plate on.
 const OPENING_MIN_PX: usize = 40;
 
-/// A plate is at least this large: about 8 x 8 pixels.
-const PLATE_MIN_PX2: usize = 60;
+/// What is light of a plate is at least so large.
+const LIGHT_MIN_PX2: usize = 24;
+
+/// A square is at most so many times as long as it is wide.
+const SQUARE_MAX: f32 = 1.35;
+
+/// All that is light in a shape of at most this width and height may be one plate in pieces.
+const BROKEN_MAX_PX: usize = 40;
+
+/// Directions that are tried for the sides of a square, over a quarter turn.
+const DIRECTIONS: usize = 18;
 
 /// A marker covers at least this share of its plate's contour.
 const MARKER_SHARE_MIN: f32 = 0.04;
@@ -51,17 +63,31 @@ pub(crate) struct Cutout<'a> {
     pub(crate) mask: &'a [u8],
 }
 
-/// A dark figure on a bright plate. Coordinates are those of the cut-out.
+/// Something light that may be a plate. Coordinates are those of the cut-out.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plate<'a> {
+    /// The dark figure on it.
+    pub(crate) figure: Option<Figure<'a>>,
+    /// Its border, where that is a square.
+    pub(crate) square: Option<Square>,
+}
+
+/// A dark figure on a bright plate.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Figure<'a> {
     /// Contour, clockwise on the screen.
     pub(crate) contour: &'a [[f32; 2]],
     /// Area and centre of the contour.
     pub(crate) region: Region,
-    /// Light and dark inside the plate.
-    pub(crate) split: Split,
-    /// Pixels inside the plate's contour.
-    pub(crate) plate_area_px2: usize,
+}
+
+/// Where a plate lies, to within a pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Square {
+    pub(crate) centre: [f32; 2],
+    /// Direction of a side, 0 to a quarter turn.
+    pub(crate) turn_rad: f32,
+    pub(crate) side_px: f32,
 }
 
 /// Memory for cut-outs up to a given size. What it holds between two calls has no influence.
@@ -107,11 +133,12 @@ pub(crate) fn contour_capacity(size: Size) -> usize {
     16 * (size.width + size.height)
 }
 
-/// Calls `found` with each dark figure on a bright plate, in reading order of the plates.
-pub(crate) fn find_figures(
+/// Calls `found` with everything light, in reading order; in a small shape in the end with all of it together. `found` says
+/// whether it was a plate.
+pub(crate) fn find_plates(
     cutout: Cutout<'_>,
     scratch: &mut CutoutScratch,
-    mut found: impl FnMut(Figure<'_>),
+    mut found: impl FnMut(Plate<'_>) -> bool,
 ) {
     let Cutout { size, grey, mask } = cutout;
     let Some(split) = split(&histogram(grey, mask)).filter(has_contrast) else {
@@ -121,18 +148,22 @@ pub(crate) fn find_figures(
     for ((light, &grey), &mask) in light.iter_mut().zip(grey).zip(mask) {
         *light = mask & u8::from(f32::from(grey) >= split.threshold);
     }
-    let mut from = 0;
+    let whole = (size.width.max(size.height) <= BROKEN_MAX_PX)
+        .then(|| square_around(|| pixels(&scratch.light[..size.area()], size)))
+        .flatten();
+    let (mut from, mut any) = (0, false);
     while let Some(start) = next_shape(&scratch.light[..size.area()], size, from) {
         from = usize::from(start.y) * size.width + usize::from(start.x);
         let light = &mut scratch.light[..size.area()];
         let contour = follow_contour(light, size, start, &mut scratch.points);
         let removed = remove_shape(light, size, start, &mut scratch.spans);
         let Ok(contour) = contour else { continue };
-        if removed.area < PLATE_MIN_PX2 {
+        if removed.area < LIGHT_MIN_PX2 {
             continue;
         }
         let plate = &mut scratch.plate[..removed.bounds.size().area()];
         fill_contour(contour, removed.bounds, plate);
+        let square = square_around(|| contour.iter().copied());
         let memory = PlateScratch {
             grey: &mut scratch.grey,
             dark: &mut scratch.dark,
@@ -140,10 +171,54 @@ pub(crate) fn find_figures(
             spans: &mut scratch.spans,
             isoline: &mut scratch.isoline,
         };
-        if let Some(figure) = figure_on_plate(cutout, removed.bounds, plate, memory) {
-            found(figure);
+        let figure = figure_on_plate(cutout, removed.bounds, plate, memory);
+        any |= found(Plate { figure, square });
+    }
+    if whole.is_some() && !any {
+        found(Plate {
+            figure: None,
+            square: whole,
+        });
+    }
+}
+
+/// The pixels of a mask.
+fn pixels(mask: &[u8], size: Size) -> impl Iterator<Item = Point> + '_ {
+    let at = move |i: usize| Point {
+        x: (i % size.width) as u16,
+        y: (i / size.width) as u16,
+    };
+    (0..mask.len()).filter(|&i| mask[i] != 0).map(at)
+}
+
+/// The square around pixels: of the rectangles around them that of the least area, if it is one.
+fn square_around<Points: Iterator<Item = Point>>(points: impl Fn() -> Points) -> Option<Square> {
+    let mut least: Option<(f32, Square, f32)> = None;
+    for direction in 0..DIRECTIONS {
+        let turn_rad = std::f32::consts::FRAC_PI_2 * direction as f32 / DIRECTIONS as f32;
+        let (sin, cos) = turn_rad.sin_cos();
+        let mut spans = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
+        for Point { x, y } in points() {
+            let (x, y) = (f32::from(x), f32::from(y));
+            for (span, at) in spans.iter_mut().zip([cos * x + sin * y, cos * y - sin * x]) {
+                *span = [span[0].min(at), span[1].max(at)];
+            }
+        }
+        // From the centres of the outermost pixels to their borders.
+        let [along, across] = spans.map(|[from, to]| to - from + 1.0);
+        let [u, v] = spans.map(|[from, to]| (from + to) / 2.0);
+        let area = along * across;
+        if area.is_finite() && least.is_none_or(|(before, ..)| area < before) {
+            let square = Square {
+                centre: [cos * u - sin * v, sin * u + cos * v],
+                turn_rad,
+                side_px: area.sqrt(),
+            };
+            least = Some((area, square, along.max(across) / along.min(across)));
         }
     }
+    let (_, square, length_per_width) = least?;
+    (length_per_width <= SQUARE_MAX).then_some(square)
 }
 
 /// The largest dark region that is surrounded by the plate's light. `plate` holds the inside of the plate's contour, in `bounds`.
@@ -182,17 +257,12 @@ fn figure_on_plate<'a>(
     };
     let contour = follow_isoline(cutout.grey, cutout.size, start, split.threshold, isoline).ok()?;
     let region = region(contour);
-    let plate_area_px2 = plate.iter().map(|&p| usize::from(p)).sum();
+    let plate_area_px2: usize = plate.iter().map(|&p| usize::from(p)).sum();
     // Where the line leaves the plate, it encloses more than the dark pixels inside it.
     let plausible =
         region.area > 0.5 * largest.area as f32 && region.area < 1.5 * largest.area as f32 + 8.0;
     let large_enough = region.area >= MARKER_SHARE_MIN * plate_area_px2 as f32;
-    (plausible && large_enough).then_some(Figure {
-        contour,
-        region,
-        split,
-        plate_area_px2,
-    })
+    (plausible && large_enough).then_some(Figure { contour, region })
 }
 
 /// The shape of a mask that has the most pixels. The mask is empty afterwards.
@@ -266,8 +336,9 @@ mod tests {
             mask: &vec![1; size.area()],
         };
         let mut found = Vec::new();
-        find_figures(cutout, &mut CutoutScratch::new(size), |f| {
-            found.push((f.region.area, f.region.centre))
+        find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
+            found.extend(plate.figure.map(|f| (f.region.area, f.region.centre)));
+            plate.figure.is_some()
         });
         found
     }

@@ -11,7 +11,7 @@ use fourier::matching::distances;
 use fourier::{Complex32, N, wrapped};
 use imgproc::Size;
 
-use crate::marker::cutout::{Cutout, CutoutScratch, find_figures};
+use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::Drawing;
 use crate::raster::{Vertex, blur, fill_polygon};
 
@@ -35,8 +35,6 @@ pub(crate) struct Reference {
     pub(crate) plate_per_size: f32,
     /// From the figure's centre of area to the plate's centre, in units of the descriptor's size.
     pub(crate) centre_from_figure: [f32; 2],
-    /// Area of the plate over the figure's.
-    pub(crate) plate_area_per_figure: f32,
 }
 
 /// Why a rendered plate gives no reference.
@@ -57,7 +55,7 @@ impl Reference {
     ) -> Result<Self, NoReference> {
         let upright = measure(drawing, plate_px, blur_px, 0.0)?;
         let mut coefficients = [Complex32::default(); N];
-        let (mut size_px, mut orientation, mut area, mut plate_area) = (0.0, 0.0, 0.0, 0.0);
+        let (mut size_px, mut orientation) = (0.0, 0.0);
         let mut centre = [0.0; 2];
         for i in 0..TURNS {
             let turn = std::f32::consts::TAU * i as f32 / TURNS as f32;
@@ -76,8 +74,6 @@ impl Reference {
                 seen.descriptor.orientation_rad - turn - upright.descriptor.orientation_rad;
             orientation += nearest_half_turn(relative);
             size_px += seen.descriptor.size_px;
-            area += seen.figure_area;
-            plate_area += seen.plate_area;
             let (sin, cos) = turn.sin_cos();
             let [x, y] = seen.centre_from_figure;
             centre[0] += cos * x + sin * y;
@@ -95,7 +91,6 @@ impl Reference {
             descriptor,
             plate_per_size: plate_px / size,
             centre_from_figure: centre.map(|c| c / n / size),
-            plate_area_per_figure: plate_area / area,
         })
     }
 }
@@ -108,8 +103,6 @@ fn nearest_half_turn(angle_rad: f32) -> f32 {
 /// What is measured on one rendered plate.
 struct Measured {
     descriptor: Descriptor,
-    figure_area: f32,
-    plate_area: f32,
     centre_from_figure: [f32; 2],
 }
 
@@ -142,12 +135,13 @@ fn measure(
         mask: &vec![1; size.area()],
     };
     let mut measured = Err(NoReference::Unseen);
-    find_figures(cutout, &mut CutoutScratch::new(size), |figure| {
+    find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
+        let Some(figure) = plate.figure else {
+            return false;
+        };
         measured = match describe(&resample(figure.contour), ORIENTATION_MIN) {
             Ok(descriptor) => Ok(Measured {
                 descriptor,
-                figure_area: figure.region.area,
-                plate_area: figure.plate_area_px2 as f32,
                 centre_from_figure: [
                     centre[0] - figure.region.centre[0],
                     centre[1] - figure.region.centre[1],
@@ -158,6 +152,7 @@ fn measure(
             }
             Err(NoDescriptor::NoExtent) => Err(NoReference::Unseen),
         };
+        true
     });
     measured
 }

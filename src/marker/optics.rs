@@ -1,0 +1,74 @@
+//! What lens and sensor do to every plate alike: blur, learned from the markers that were read, and noise.
+
+use imgproc::fit::{Fit, Prior};
+
+/// Blur before any marker was read, and the standard deviation of its logarithm: an ordinary lens, in focus or a little out.
+const START: (f32, f32) = (0.65, 0.35);
+
+/// How much the blurs of two plates before one camera differ (distance, motion): standard deviation of the logarithm.
+const BETWEEN_PLATES: f32 = 0.08;
+
+/// By how much the camera's blur may change from frame to frame: standard deviation of the logarithm.
+const DRIFT: f32 = 0.003;
+
+/// What is known of a camera.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Optics {
+    /// Noise of a pixel, grey levels.
+    pub(crate) noise: f32,
+    ln_blur: f32,
+    ln_variance: f32,
+}
+
+impl Optics {
+    pub(crate) fn new() -> Self {
+        Self {
+            noise: 0.0,
+            ln_blur: START.0.ln(),
+            ln_variance: START.1 * START.1,
+        }
+    }
+
+    /// Standard deviation of the blur, pixels.
+    pub(crate) fn blur_px(&self) -> f32 {
+        self.ln_blur.exp()
+    }
+
+    /// What a fit may start from.
+    pub(crate) fn prior(&self, plate_ln_sigma: f32) -> Prior {
+        Prior {
+            noise: self.noise.max(NOISE_LEAST),
+            blur_ln_sigma: (self.ln_variance + BETWEEN_PLATES * BETWEEN_PLATES).sqrt(),
+            plate_ln_sigma,
+        }
+    }
+
+    /// Learns from the fits of a frame, which all started from [`Self::prior`]: blur and its variance, both of the logarithm.
+    pub(crate) fn learn(&mut self, fits: impl Iterator<Item = (f32, f32)>) {
+        let spread = BETWEEN_PLATES * BETWEEN_PLATES;
+        let prior = self.ln_variance + spread;
+        let (mut information, mut sum) = (0.0, 0.0);
+        for (ln_blur, variance) in fits {
+            // What the fit adds to what it started from.
+            let own = 1.0 / variance - 1.0 / prior;
+            if own <= 0.0 {
+                continue;
+            }
+            let measured = (ln_blur / variance - self.ln_blur / prior) / own;
+            let weight = 1.0 / (1.0 / own + spread);
+            information += weight;
+            sum += weight * (measured - self.ln_blur).clamp(-1.0, 1.0);
+        }
+        let own = 1.0 / self.ln_variance;
+        self.ln_blur += sum / (own + information);
+        self.ln_variance = 1.0 / (own + information) + DRIFT * DRIFT;
+    }
+}
+
+/// A camera rounds to whole grey levels, and compresses.
+const NOISE_LEAST: f32 = 0.5;
+
+/// Logarithm of a fit's blur and its variance.
+pub(crate) fn blur_of(fit: &Fit) -> (f32, f32) {
+    (fit.pose.blur_px.ln(), fit.blur_ln_variance)
+}

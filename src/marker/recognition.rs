@@ -1,0 +1,292 @@
+//! Which marker a figure is, and where: candidates by the descriptor, pose by the fit, judgement by what the fit leaves.
+
+use fourier::contour::resample;
+use fourier::descriptor::{Descriptor, describe};
+use fourier::matching::compare_both_ways;
+use fourier::wrapped;
+use imgproc::fit::{Fit, Pose, fit_shape};
+
+use crate::marker::Family;
+use crate::marker::cutout::{Cutout, Figure, Plate, Square};
+use crate::marker::optics::{Optics, blur_of};
+use crate::marker::reference::{ORIENTATION_MIN, Reference};
+use crate::marker::template::Pattern;
+
+/// Candidates that are fitted at most.
+const CANDIDATES: usize = 4;
+
+/// A candidate's descriptor is no farther from the figure's: mean square of the distance of the contours' points, in units of
+/// the size.
+const DISTANCE_MAX: f32 = 0.05;
+
+/// Nor so many times farther than the nearest one, and this on top.
+const DISTANCE_BEYOND: (f32, f32) = (4.0, 0.004);
+
+/// A plate that shows a marker correlates with its pattern by this at least, however it lies on the pixels.
+const ALIKE_LEAST: f32 = 0.5;
+
+/// The size of the plate that a contour gives is right to this share.
+const PLATE_LN_SIGMA: f32 = 0.1;
+
+/// A pixel of white has more noise than one of the floor.
+const NOISE_OF_WHITE: f32 = 1.25;
+
+/// Standard deviations by which the squares that noise leaves may exceed their mean.
+const NOISE_DEVIATIONS: f32 = 4.0;
+
+/// The second best explanation must leave more than the best: difference of the sums of squares, in units of the noise. Were
+/// both equally likely, the chance to be wrong would be exp(-8).
+const RIVAL_LEAST: f32 = 16.0;
+
+/// Plate and marker are at least this many grey levels apart, and so many times the noise.
+const CONTRAST_MIN: (f32, f32) = (25.0, 2.0);
+
+/// How sure a figure must be to count as a marker.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RecognitionSettings {
+    /// What a marker may leave unexplained besides noise: root mean square over its plate, share of the contrast.
+    pub misfit_max: f32,
+    /// Smallest plate, side in pixels.
+    pub plate_min_px: f32,
+    /// Largest plate, side in pixels.
+    pub plate_max_px: f32,
+}
+
+/// A recognised marker, in the coordinates of the cut-out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Recognised {
+    /// Index in the family.
+    pub marker: usize,
+    /// Centre of the plate, pixels.
+    pub centre: [f32; 2],
+    /// Direction in which the drawing points up, from +x towards +y.
+    pub heading_rad: f32,
+    /// Side of the plate, pixels.
+    pub plate_px: f32,
+    /// Covariance of x, y (pixels) and heading (radians).
+    pub covariance: [[f32; 3]; 3],
+    /// Logarithm of the blur and its variance.
+    pub(crate) blur: (f32, f32),
+}
+
+/// A marker that a figure may be.
+#[derive(Debug, Clone, Copy)]
+struct Candidate<'a> {
+    marker: usize,
+    reference: &'a Reference,
+    distance: f32,
+    turn_rad: f32,
+}
+
+/// A marker and where it may be.
+type Start = (usize, Pose);
+
+impl Family {
+    /// Which marker is on a plate, and its pose; `None` when it is none, or could be two.
+    pub(crate) fn recognise(
+        &self,
+        plate: &Plate<'_>,
+        cutout: Cutout<'_>,
+        optics: &Optics,
+        settings: &RecognitionSettings,
+    ) -> Option<Recognised> {
+        let by_contour = plate
+            .figure
+            .and_then(|figure| self.starts_by_contour(&figure, optics))
+            .and_then(|starts| self.best_fit(starts, cutout, optics, settings));
+        by_contour.or_else(|| {
+            let starts = self.starts_by_pattern(plate.square?, cutout, optics)?;
+            self.best_fit(starts, cutout, optics, settings)
+        })
+    }
+
+    /// The best of the fits, if it explains the pixels and no other does.
+    fn best_fit(
+        &self,
+        starts: [Option<Start>; CANDIDATES],
+        cutout: Cutout<'_>,
+        optics: &Optics,
+        settings: &RecognitionSettings,
+    ) -> Option<Recognised> {
+        let prior = optics.prior(PLATE_LN_SIGMA);
+        let mut best: Option<(usize, Fit)> = None;
+        let mut rival = f32::INFINITY;
+        for (marker, start) in starts.into_iter().flatten() {
+            let layers = self.markers[marker].template.layers();
+            let Some(fit) = fit_shape(cutout.grey, cutout.size, layers, start, &prior) else {
+                continue;
+            };
+            match &mut best {
+                Some((_, before)) if before.residual <= fit.residual => {
+                    rival = rival.min(fit.residual);
+                }
+                best => {
+                    if let Some((_, before)) = best {
+                        rival = rival.min(before.residual);
+                    }
+                    *best = Some((marker, fit));
+                }
+            }
+        }
+        let (marker, fit) = best?;
+        let size_fits =
+            (settings.plate_min_px..=settings.plate_max_px).contains(&fit.pose.plate_px);
+        (size_fits && explains(&fit, prior.noise, settings) && clear(&fit, rival, prior.noise))
+            .then(|| Recognised {
+                marker,
+                centre: fit.pose.centre,
+                // The drawing points up, against the y axis.
+                heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
+                plate_px: fit.pose.plate_px,
+                covariance: fit.covariance,
+                blur: blur_of(&fit),
+            })
+    }
+
+    /// Where the markers are whose contours come nearest to that of a figure.
+    fn starts_by_contour(
+        &self,
+        figure: &Figure<'_>,
+        optics: &Optics,
+    ) -> Option<[Option<Start>; CANDIDATES]> {
+        let descriptor = describe(&resample(figure.contour), ORIENTATION_MIN).ok()?;
+        let candidates = self.candidates(&descriptor);
+        let nearest = candidates[0]?.distance;
+        let limit = (DISTANCE_BEYOND.0 * nearest + DISTANCE_BEYOND.1).min(DISTANCE_MAX);
+        Some(candidates.map(|candidate| {
+            let candidate = candidate.filter(|candidate| candidate.distance <= limit)?;
+            let pose = start(figure, &descriptor, &candidate, optics);
+            Some((candidate.marker, pose))
+        }))
+    }
+
+    /// Where the markers are that look most like a plate at a few points of it, at each of its four turns.
+    fn starts_by_pattern(
+        &self,
+        square: Square,
+        cutout: Cutout<'_>,
+        optics: &Optics,
+    ) -> Option<[Option<Start>; CANDIDATES]> {
+        let (sin, cos) = square.turn_rad.sin_cos();
+        let mut seen = Pattern::of(|[u, v]| {
+            let [u, v] = [u, v].map(|c| c * square.side_px);
+            let x = square.centre[0] + cos * u - sin * v;
+            let y = square.centre[1] + sin * u + cos * v;
+            interpolated(cutout, x, y)
+        })?;
+        let mut likely = [None::<(f32, Start)>; CANDIDATES];
+        for quarters in 0..4 {
+            for (marker, of_marker) in self.markers.iter().enumerate() {
+                let alike = seen.correlation(of_marker.template.pattern());
+                if alike < ALIKE_LEAST {
+                    continue;
+                }
+                let less = |kept: &Option<(f32, Start)>| kept.is_none_or(|(kept, _)| kept < alike);
+                if let Some(place) = likely.iter().position(less) {
+                    likely[place..].rotate_right(1);
+                    let turn = std::f32::consts::FRAC_PI_2 * quarters as f32;
+                    let pose = Pose {
+                        centre: square.centre,
+                        turn_rad: square.turn_rad + turn,
+                        plate_px: square.side_px,
+                        blur_px: optics.blur_px(),
+                    };
+                    likely[place] = Some((alike, (marker, pose)));
+                }
+            }
+            seen = seen.turned();
+        }
+        Some(likely.map(|likely| likely.map(|(_, start)| start)))
+    }
+
+    /// The markers that come nearest to a descriptor, each upright and upside down, in ascending order of distance.
+    fn candidates(&self, descriptor: &Descriptor) -> [Option<Candidate<'_>>; CANDIDATES] {
+        let mut nearest = [None::<Candidate<'_>>; CANDIDATES];
+        for (marker, of_marker) in self.markers.iter().enumerate() {
+            let mut ways = [None::<Candidate<'_>>; 2];
+            for sizes in &of_marker.references {
+                let Some(reference) = nearest_size(sizes, descriptor.size_px) else {
+                    continue;
+                };
+                let both = compare_both_ways(descriptor, &reference.descriptor);
+                for (way, found) in ways.iter_mut().zip(both) {
+                    if way.is_none_or(|way| found.distance < way.distance) {
+                        *way = Some(Candidate {
+                            marker,
+                            reference,
+                            distance: found.distance,
+                            turn_rad: found.turn_rad,
+                        });
+                    }
+                }
+            }
+            for candidate in ways.into_iter().flatten() {
+                let farther = |kept: &Option<Candidate<'_>>| {
+                    kept.is_none_or(|kept| candidate.distance < kept.distance)
+                };
+                if let Some(place) = nearest.iter().position(farther) {
+                    nearest[place..].rotate_right(1);
+                    nearest[place] = Some(candidate);
+                }
+            }
+        }
+        nearest
+    }
+}
+
+/// Grey value between pixels; `None` outside of the cut-out.
+fn interpolated(cutout: Cutout<'_>, x: f32, y: f32) -> Option<f32> {
+    let (width, height) = (cutout.size.width, cutout.size.height);
+    if !(x >= 0.0 && y >= 0.0 && x < (width - 1) as f32 && y < (height - 1) as f32) {
+        return None;
+    }
+    let (column, row) = (x as usize, y as usize);
+    let (x, y) = (x - column as f32, y - row as f32);
+    let at = |i: usize| f32::from(cutout.grey[row * width + column + i]);
+    let across = |i: usize| at(i) + x * (at(i + 1) - at(i));
+    Some(across(0) + y * (across(width) - across(0)))
+}
+
+/// The pose that the contour gives.
+fn start(
+    figure: &Figure<'_>,
+    descriptor: &Descriptor,
+    candidate: &Candidate<'_>,
+    optics: &Optics,
+) -> Pose {
+    let (sin, cos) = candidate.turn_rad.sin_cos();
+    let from_figure = candidate.reference.centre_from_figure;
+    let [dx, dy] = from_figure.map(|d| d * descriptor.size_px);
+    let [x, y] = figure.region.centre;
+    Pose {
+        centre: [x + cos * dx - sin * dy, y + sin * dx + cos * dy],
+        turn_rad: candidate.turn_rad,
+        plate_px: descriptor.size_px * candidate.reference.plate_per_size,
+        blur_px: optics.blur_px(),
+    }
+}
+
+/// Whether what a fit leaves is noise, and its contrast is not.
+fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
+    let block = fit.block_px as f32;
+    let noise = NOISE_OF_WHITE * noise / block;
+    let misfit = settings.misfit_max * fit.contrast;
+    let spread = 1.0 + NOISE_DEVIATIONS * (2.0 / fit.n).sqrt();
+    let left = fit.residual / block;
+    left * left <= (noise * noise + misfit * misfit) * spread
+        && fit.contrast >= CONTRAST_MIN.0.max(CONTRAST_MIN.1 * noise)
+}
+
+/// Whether every other explanation leaves clearly more.
+fn clear(fit: &Fit, rival: f32, noise: f32) -> bool {
+    let least = fit.residual.max(noise);
+    fit.n * (rival * rival - fit.residual * fit.residual) >= RIVAL_LEAST * least * least
+}
+
+/// The reference whose size is nearest, as a ratio.
+fn nearest_size(references: &[Reference], size_px: f32) -> Option<&Reference> {
+    let ratio = |r: &&Reference| (r.descriptor.size_px / size_px).ln().abs();
+    references
+        .iter()
+        .min_by(|a, b| ratio(a).total_cmp(&ratio(b)))
+}

@@ -1,0 +1,290 @@
+//! Recall and errors of the whole program, from frame to scene.
+
+use imgproc::Size;
+use overcam::marker::drawing::{Drawing, read_drawing};
+use overcam::marker::{Family, MarkerFile, built_in_files};
+use overcam::pipeline::{Outcome, Pipeline};
+use overcam::settings::Settings;
+use overcam::slot::Slot;
+
+use crate::random::Random;
+use crate::scene::{Conditions, Plate, Robot, picture};
+
+const SIZE: Size = Size {
+    width: 640,
+    height: 480,
+};
+const RATE_HZ: u64 = 30;
+
+/// Figures that are no markers, and tempt to be taken for some.
+const TEMPTING: [&str; 7] = [
+    "M20 20H80V80H20Z",
+    "M50 10A40 40 0 0 1 50 90A40 40 0 0 1 50 10Z",
+    "M50 8L61 39H94L67 58L78 90L50 70L22 90L33 58L6 39H39Z",
+    "M50 10L85 45V90H15V45Z",
+    "M20 30L80 12L70 88L30 70Z",
+    "M30 12H70V40H88V60H70V88H30V60H12V40H30Z",
+    "M15 80L30 20H60L85 80Z",
+];
+
+/// What was seen of some plates.
+#[derive(Debug, Default, Clone, Copy)]
+pub(crate) struct Score {
+    pub(crate) shown: u32,
+    pub(crate) read: u32,
+    pub(crate) wrong_names: u32,
+    pub(crate) half_turns: u32,
+    pub(crate) tempting: u32,
+    pub(crate) false_markers: u32,
+    pub(crate) inside_ellipse: u32,
+    pub(crate) inside_heading: u32,
+    centre2: f64,
+    heading2: f64,
+}
+
+impl Score {
+    pub(crate) fn recall(&self) -> f64 {
+        f64::from(self.read) / f64::from(self.shown)
+    }
+
+    pub(crate) fn centre_px(&self) -> f64 {
+        (self.centre2 / f64::from(self.read)).sqrt()
+    }
+
+    pub(crate) fn heading_deg(&self) -> f64 {
+        (self.heading2 / f64::from(self.read)).sqrt().to_degrees()
+    }
+
+    pub(crate) fn print(&self, conditions: &Conditions) {
+        let share = |n: u32| 100.0 * f64::from(n) / f64::from(self.read.max(1));
+        let Conditions {
+            plate_px,
+            blur_px,
+            noise,
+            slope,
+        } = conditions;
+        println!(
+            "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}: \
+             recall {:.4}, centre {:.4} px, heading {:.3} deg; wrong names {}, half turns {}, \
+             false markers {} of {}; inside the 95 % ellipse {:.1} %, heading {:.1} %",
+            self.recall(),
+            self.centre_px(),
+            self.heading_deg(),
+            self.wrong_names,
+            self.half_turns,
+            self.false_markers,
+            self.tempting,
+            share(self.inside_ellipse),
+            share(self.inside_heading),
+        );
+    }
+}
+
+pub(crate) fn drawings(files: &[MarkerFile]) -> Vec<Drawing> {
+    let read = |file: &MarkerFile| read_drawing(&file.name, &file.svg).expect("a marker");
+    files.iter().map(read).collect()
+}
+
+fn tempting() -> Vec<Drawing> {
+    let files: Vec<MarkerFile> = TEMPTING
+        .iter()
+        .enumerate()
+        .map(|(i, path)| MarkerFile {
+            name: format!("tempting{i}"),
+            svg: format!(
+                r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 100"><path d="{path}"/></svg>"#
+            ),
+        })
+        .collect();
+    drawings(&files)
+}
+
+/// Shows every marker of a family in every frame, each in its own part of the picture, and as many tempting figures as
+/// there is room for.
+pub(crate) fn measure(files: &[MarkerFile], conditions: Conditions, frames: u64) -> Score {
+    let family = Family::from_files(files).expect("a usable family");
+    let (markers, tempting) = (drawings(files), tempting());
+    let mut random = Random(7);
+    let mut pipeline = Pipeline::new(
+        SIZE,
+        Some(RATE_HZ as f64),
+        Settings::default(),
+        family,
+        None,
+    );
+    let mut slot = Slot::empty();
+    let learn = u64::from(Settings::default().learn);
+    let pitch = (conditions.plate_px * 1.5 + 24.0).max(64.0);
+    let columns = (SIZE.width as f32 / pitch) as usize;
+    let rows = (SIZE.height as f32 / pitch) as usize;
+    let mut score = Score::default();
+    for sequence in 0..learn + frames {
+        let mut plates = Vec::new();
+        let mut truth = Vec::new();
+        for cell in (0..columns * rows).filter(|_| sequence >= learn) {
+            let of_family = cell < markers.len();
+            let drawing = match markers.get(cell) {
+                Some(marker) => marker,
+                None => &tempting[cell % tempting.len()],
+            };
+            let [column, row] = [cell % columns, cell / columns];
+            let plate = Plate {
+                figure: &drawing.outline,
+                centre: [
+                    (column as f32 + 0.5) * pitch + random.uniform(-3.0, 3.0),
+                    (row as f32 + 0.5) * pitch + random.uniform(-3.0, 3.0),
+                ],
+                turn_rad: random.uniform(0.0, std::f32::consts::TAU),
+                robot: [
+                    Robot::None,
+                    Robot::Dark,
+                    Robot::Rim(20.0),
+                    Robot::Rim(250.0),
+                ][(cell + sequence as usize) % 4],
+            };
+            truth.push(of_family.then_some(drawing.name.as_str()));
+            plates.push(plate);
+        }
+        picture(SIZE, &plates, &conditions, &mut random, &mut slot.frame);
+        slot.frame.sequence = sequence;
+        slot.frame.stamp_ns = sequence * 1_000_000_000 / RATE_HZ;
+        let outcome = pipeline.process(&mut slot).expect("a drawn frame decodes");
+        slot.background = None;
+        if outcome == Outcome::Scene {
+            for (plate, name) in plates.iter().zip(&truth) {
+                judge(&slot.scene, plate, *name, conditions.plate_px, &mut score);
+            }
+        }
+    }
+    score
+}
+
+fn judge(
+    scene: &scene::Scene,
+    plate: &Plate<'_>,
+    name: Option<&str>,
+    plate_px: f32,
+    score: &mut Score,
+) {
+    let [x, y] = plate.centre.map(f64::from);
+    let near = |o: &&scene::Object| (o.x - x).hypot(o.y - y) < f64::from(plate_px) * 0.6;
+    let read = scene
+        .objects()
+        .iter()
+        .filter(|o| o.observed() && o.marker_name().is_some())
+        .find(near);
+    let Some(name) = name else {
+        score.tempting += 1;
+        score.false_markers += u32::from(read.is_some());
+        return;
+    };
+    score.shown += 1;
+    let Some(object) = read else { return };
+    if object.marker_name() != Some(name) {
+        score.wrong_names += 1;
+        return;
+    }
+    let Some(heading) = object.heading() else {
+        return;
+    };
+    let truth = f64::from(plate.turn_rad) - std::f64::consts::FRAC_PI_2;
+    let error = f64::from(fourier::wrapped((heading - truth) as f32));
+    if error.abs() > 1.5 {
+        score.half_turns += 1;
+        return;
+    }
+    score.read += 1;
+    let (dx, dy) = (object.x - x, object.y - y);
+    score.centre2 += dx * dx + dy * dy;
+    score.heading2 += error * error;
+    let [[a, b, _], [_, d, _], [.., h]] = object.covariance;
+    let distance = (d * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / (a * d - b * b);
+    score.inside_ellipse += u32::from(distance <= 5.991);
+    score.inside_heading += u32::from(error * error <= 3.841 * h);
+}
+
+const USUAL: Conditions = Conditions {
+    plate_px: 24.0,
+    blur_px: 0.6,
+    noise: 3.0,
+    slope: 0.0,
+};
+
+#[test]
+fn small_blurred_and_noisy_markers_are_read_and_nothing_else_is() {
+    for (conditions, recall, centre_px, heading_deg) in [
+        (at(12.0), 0.97, 0.04, 0.5),
+        (at(24.0), 0.99, 0.02, 0.15),
+        (
+            Conditions {
+                noise: 12.0,
+                ..USUAL
+            },
+            0.99,
+            0.06,
+            0.5,
+        ),
+        (
+            Conditions {
+                blur_px: 1.5,
+                ..USUAL
+            },
+            0.97,
+            0.06,
+            0.3,
+        ),
+    ] {
+        let score = measure(&built_in_files(), conditions, 10);
+        score.print(&conditions);
+        assert!(score.recall() >= recall, "{conditions:?}");
+        assert!(score.centre_px() <= centre_px, "{conditions:?}");
+        assert!(score.heading_deg() <= heading_deg, "{conditions:?}");
+        assert_eq!(
+            (score.wrong_names, score.half_turns, score.false_markers),
+            (0, 0, 0),
+            "{conditions:?}"
+        );
+    }
+}
+
+fn at(plate_px: f32) -> Conditions {
+    Conditions { plate_px, ..USUAL }
+}
+
+/// The table in README: `cargo test --release --test markers -- --ignored --nocapture table`. `FRAMES` sets how many frames a
+/// row has.
+#[test]
+#[ignore = "takes minutes"]
+fn table() {
+    let frames = std::env::var("FRAMES").map_or(60, |n| n.parse().expect("a number"));
+    for conditions in [
+        at(10.0),
+        at(12.0),
+        Conditions {
+            blur_px: 1.0,
+            ..at(14.0)
+        },
+        at(16.0),
+        at(24.0),
+        at(32.0),
+        at(64.0),
+        Conditions {
+            noise: 12.0,
+            ..USUAL
+        },
+        Conditions {
+            noise: 20.0,
+            ..USUAL
+        },
+        Conditions {
+            blur_px: 1.5,
+            ..USUAL
+        },
+        Conditions {
+            slope: 0.1,
+            ..at(48.0)
+        },
+    ] {
+        measure(&built_in_files(), conditions, frames).print(&conditions);
+    }
+}
