@@ -6,7 +6,8 @@
 /// Pixels of the floor that are darker say nothing about the light.
 const DARKEST: u16 = 16;
 
-/// Pixels that the camera cut off at white say nothing either.
+/// Pixels that the camera cut off at white say nothing either, but where the floor was cut off too: there the light is as it was, or
+/// as good as.
 const BRIGHTEST: u8 = 250;
 
 /// Ratios fall into bins of this many a unit.
@@ -37,11 +38,16 @@ pub fn channel_gain(channel: &[u8], floor: &[u16], skip: &[u8], stride: usize) -
     let mut n = 0;
     let pixels = channel.iter().zip(floor).zip(skip).step_by(stride);
     for ((&channel, &floor), &skip) in pixels {
-        if skip != 0 || floor < DARKEST * 256 || channel >= BRIGHTEST {
+        let cut_off = channel >= BRIGHTEST;
+        let floor_cut_off = floor >= u16::from(BRIGHTEST) * 256;
+        if skip != 0 || floor < DARKEST * 256 || cut_off && !floor_cut_off {
             continue;
         }
         // Rounded to the middle of a level, so that dark pixels are not biased.
-        let ratio = u32::from(channel) * 256 * BINS_PER_UNIT / u32::from(floor);
+        let ratio = match cut_off {
+            true => BINS_PER_UNIT,
+            false => u32::from(channel) * 256 * BINS_PER_UNIT / u32::from(floor),
+        };
         bins[(ratio as usize).min(BINS - 1)] += 1;
         n += 1;
     }
@@ -84,6 +90,18 @@ mod tests {
             let found = channel_gain(&frame, &floor, &skip, 1).expect("enough pixels");
             assert!((found / gain - 1.0).abs() < 0.02, "{found} for {gain}");
         }
+    }
+
+    #[test]
+    fn a_floor_as_white_as_can_be_is_in_the_light_it_was_in() {
+        let floor = [255 * 256; 1000];
+        let mut frame = [255u8; 1000];
+        frame[..300].fill(20);
+        let found = channel_gain(&frame, &floor, &[0; 1000], 1).expect("enough pixels");
+        assert!((found - 1.0).abs() < 0.01, "{found}");
+        let dim = [100u8; 1000];
+        let found = channel_gain(&dim, &floor, &[0; 1000], 1).expect("enough pixels");
+        assert!((found - 100.0 / 255.0).abs() < 0.01, "{found}");
     }
 
     #[test]
