@@ -7,6 +7,7 @@ use imgproc::contour::{
 use imgproc::{Bounds, Point, Size};
 
 use crate::frame::Picture;
+use crate::marker::colour::project;
 use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_plates};
 use crate::marker::optics::Optics;
 use crate::marker::{Family, Recognised, RecognitionSettings};
@@ -18,6 +19,10 @@ pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;
 /// Variance of an obstacle's centre in either axis. Contours go in steps of a pixel; the errors of neighbouring steps are too
 /// much alike to average out, so that of one step is taken (1/12), and twice that for the shadow's edge.
 const OBSTACLE_VARIANCE_PX2: f64 = 0.25;
+
+/// What is looked at around a shape: this share of its width, and so many pixels more.
+const MARGIN_SHARE: f32 = 0.35;
+const MARGIN_PX: u16 = 3;
 
 /// Something that stands on the floor. Image coordinates.
 #[derive(Debug, Clone, Copy)]
@@ -101,7 +106,7 @@ impl Detector {
             }
         }
         let read = self.detections.iter().filter_map(|d| d.marker);
-        self.optics.learn(read.map(|marker| marker.blur));
+        self.optics.learn(read.filter_map(|marker| marker.blur));
         (&self.detections, overflow)
     }
 
@@ -116,20 +121,74 @@ impl Detector {
     ) -> u32 {
         let contour = &self.contour[..contour_len];
         let outline = simplified(contour);
-        // One pixel more on each side: the contour of a figure is followed between pixels.
-        let around = bounds.grown(1, self.size);
+        self.polygon.clear();
+        self.polygon
+            .extend(contour.iter().map(|p| [f32::from(p.x), f32::from(p.y)]));
+        let region = region(&self.polygon);
+        let width_px = region.area.max(0.0).sqrt();
+        for view in View::ALL {
+            let known = self.detections.len();
+            let lost = self.read_markers(
+                view,
+                (contour_len, bounds, width_px),
+                outline,
+                picture,
+                family,
+                settings,
+            );
+            if lost > 0 || self.detections.len() > known {
+                return lost;
+            }
+        }
+        self.detections.push(Detection {
+            marker: None,
+            centre: region.centre.map(f64::from),
+            covariance: [[OBSTACLE_VARIANCE_PX2, 0.0], [0.0, OBSTACLE_VARIANCE_PX2]],
+            size_px: f64::from(width_px),
+            outline,
+        });
+        0
+    }
+
+    /// Adds the markers that one view of a shape shows. Returns how many found no room.
+    fn read_markers(
+        &mut self,
+        view: View,
+        (contour_len, bounds, width_px): (usize, Bounds, f32),
+        outline: Outline,
+        picture: &Picture,
+        family: &Family,
+        settings: &RecognitionSettings,
+    ) -> u32 {
+        let margin_px = match view.part {
+            // The contour of a figure is followed between pixels.
+            Part::Shape => 1,
+            Part::Around => (MARGIN_SHARE * width_px) as u16 + MARGIN_PX,
+        };
+        let around = bounds.grown(margin_px, self.size);
         let size = around.size();
         let mask = &mut self.mask[..size.area()];
-        fill_contour(contour, around, mask);
+        match view.part {
+            Part::Shape => fill_contour(&self.contour[..contour_len], around, mask),
+            Part::Around => mask.fill(1),
+        }
         let grey = &mut self.grey[..size.area()];
-        crop_grey(picture, around, grey);
+        let optics = match view.channel {
+            Channel::Intensity => {
+                crop_grey(picture, around, grey);
+                self.optics
+            }
+            Channel::Colour => match project(picture, around, mask, grey) {
+                Some(gain) => self.optics.of_colour(gain),
+                None => return 0,
+            },
+        };
         let cutout = Cutout { size, grey, mask };
-        let (mut found, mut lost) = (false, 0);
+        let mut lost = 0;
         find_plates(cutout, &mut self.cutout, |plate| {
-            let Some(marker) = family.recognise(&plate, cutout, &self.optics, settings) else {
+            let Some(marker) = family.recognise(&plate, cutout, &optics, settings) else {
                 return false;
             };
-            found = true;
             if self.detections.len() == MAX_DETECTIONS {
                 lost += 1;
                 return true;
@@ -147,20 +206,42 @@ impl Detector {
             });
             true
         });
-        if !found {
-            self.polygon.clear();
-            self.polygon
-                .extend(contour.iter().map(|p| [f32::from(p.x), f32::from(p.y)]));
-            let region = region(&self.polygon);
-            self.detections.push(Detection {
-                marker: None,
-                centre: region.centre.map(f64::from),
-                covariance: [[OBSTACLE_VARIANCE_PX2, 0.0], [0.0, OBSTACLE_VARIANCE_PX2]],
-                size_px: f64::from(region.area.max(0.0).sqrt()),
-                outline,
-            });
-        }
         lost
+    }
+}
+
+/// One way to look for markers.
+#[derive(Debug, Clone, Copy)]
+struct View {
+    part: Part,
+    channel: Channel,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Part {
+    /// The shape alone.
+    Shape,
+    /// The shape and what is around it: of a marker on a plate like the floor, the marker is all that differs.
+    Around,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Channel {
+    Intensity,
+    Colour,
+}
+
+impl View {
+    /// In the order in which they are tried.
+    const ALL: [Self; 4] = [
+        Self::new(Part::Shape, Channel::Intensity),
+        Self::new(Part::Shape, Channel::Colour),
+        Self::new(Part::Around, Channel::Intensity),
+        Self::new(Part::Around, Channel::Colour),
+    ];
+
+    const fn new(part: Part, channel: Channel) -> Self {
+        Self { part, channel }
     }
 }
 

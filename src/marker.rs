@@ -4,8 +4,9 @@
 //!
 //! A figure is looked up among the `reference`s by the descriptor of its contour; the `template`s of the likely ones are
 //! fitted to the pixels of the plate, and what the fit leaves decides (`recognition`). What the camera does to every plate
-//! alike, blur and noise, is learned meanwhile (`optics`).
+//! alike, blur and noise, is learned meanwhile (`optics`). Where intensity tells nothing, `colour` may.
 
+pub(crate) mod colour;
 pub(crate) mod cutout;
 pub mod drawing;
 pub(crate) mod optics;

@@ -11,6 +11,12 @@ const BETWEEN_PLATES: f32 = 0.08;
 /// By how much the camera's blur may change from frame to frame: standard deviation of the logarithm.
 const DRIFT: f32 = 0.003;
 
+/// Noise of a channel over that of the brightness, to which three channels with their own noise add up.
+const CHANNEL_NOISE: f32 = 1.5;
+
+/// Blur of colours over that of brightness, and the standard deviation of its logarithm.
+const COLOUR_BLUR: (f32, f32) = (1.3, 0.4);
+
 /// What is known of a camera.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Optics {
@@ -18,6 +24,7 @@ pub(crate) struct Optics {
     pub(crate) noise: f32,
     ln_blur: f32,
     ln_variance: f32,
+    of_colour: bool,
 }
 
 impl Optics {
@@ -26,12 +33,24 @@ impl Optics {
             noise: 0.0,
             ln_blur: START.0.ln(),
             ln_variance: START.1 * START.1,
+            of_colour: false,
         }
     }
 
     /// Standard deviation of the blur, pixels.
     pub(crate) fn blur_px(&self) -> f32 {
         self.ln_blur.exp()
+    }
+
+    /// The same for a projection of the colours in which the noise of a channel is so many times as large. Cameras blur colours
+    /// more than brightness, by how much differs, and nothing is learned from it.
+    pub(crate) fn of_colour(&self, gain: f32) -> Self {
+        Self {
+            noise: CHANNEL_NOISE * gain * self.noise,
+            ln_blur: self.ln_blur + COLOUR_BLUR.0.ln(),
+            ln_variance: COLOUR_BLUR.1 * COLOUR_BLUR.1,
+            of_colour: true,
+        }
     }
 
     /// What a fit may start from.
@@ -41,6 +60,11 @@ impl Optics {
             blur_ln_sigma: (self.ln_variance + BETWEEN_PLATES * BETWEEN_PLATES).sqrt(),
             plate_ln_sigma,
         }
+    }
+
+    /// What a fit says of the camera's blur: its logarithm, and the variance of that.
+    pub(crate) fn blur_of(&self, fit: &Fit) -> Option<(f32, f32)> {
+        (!self.of_colour).then(|| (fit.pose.blur_px.ln(), fit.blur_ln_variance))
     }
 
     /// Learns from the fits of a frame, which all started from [`Self::prior`]: blur and its variance, both of the logarithm.
@@ -67,8 +91,3 @@ impl Optics {
 
 /// A camera rounds to whole grey levels, and compresses.
 const NOISE_LEAST: f32 = 0.5;
-
-/// Logarithm of a fit's blur and its variance.
-pub(crate) fn blur_of(fit: &Fit) -> (f32, f32) {
-    (fit.pose.blur_px.ln(), fit.blur_ln_variance)
-}

@@ -8,7 +8,7 @@ use imgproc::fit::{Fit, Pose, fit_shape};
 
 use crate::marker::Family;
 use crate::marker::cutout::{Cutout, Figure, Plate, Square};
-use crate::marker::optics::{Optics, blur_of};
+use crate::marker::optics::Optics;
 use crate::marker::reference::{ORIENTATION_MIN, Reference};
 use crate::marker::template::Pattern;
 
@@ -41,6 +41,12 @@ const RIVAL_LEAST: f32 = 16.0;
 /// Plate and marker are at least this many grey levels apart, and so many times the noise.
 const CONTRAST_MIN: (f32, f32) = (25.0, 2.0);
 
+/// No ink is darker than black; noise and a floor of grey levels allow for a little.
+const BLACKER_THAN_BLACK: f32 = 1.1;
+
+/// Blur over the plate's side with which nothing is left that a marker could be known by.
+const BLUR_SHARE_MAX: f32 = 0.15;
+
 /// How sure a figure must be to count as a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecognitionSettings {
@@ -65,8 +71,8 @@ pub struct Recognised {
     pub plate_px: f32,
     /// Covariance of x, y (pixels) and heading (radians).
     pub covariance: [[f32; 3]; 3],
-    /// Logarithm of the blur and its variance.
-    pub(crate) blur: (f32, f32),
+    /// Logarithm of the camera's blur and its variance, where the marker shows it.
+    pub(crate) blur: Option<(f32, f32)>,
 }
 
 /// A marker that a figure may be.
@@ -139,7 +145,7 @@ impl Family {
                 heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
                 plate_px: fit.pose.plate_px,
                 covariance: fit.covariance,
-                blur: blur_of(&fit),
+                blur: optics.blur_of(&fit),
             })
     }
 
@@ -275,6 +281,8 @@ fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     let left = fit.residual / block;
     left * left <= (noise * noise + misfit * misfit) * spread
         && fit.contrast >= CONTRAST_MIN.0.max(CONTRAST_MIN.1 * noise)
+        && fit.contrast <= BLACKER_THAN_BLACK * fit.light
+        && fit.pose.blur_px <= BLUR_SHARE_MAX * fit.pose.plate_px
 }
 
 /// Whether every other explanation leaves clearly more.

@@ -8,7 +8,7 @@ use overcam::settings::Settings;
 use overcam::slot::Slot;
 
 use crate::random::Random;
-use crate::scene::{Conditions, Plate, Robot, picture};
+use crate::scene::{Conditions, GREY, Palette, Plate, Robot, picture};
 
 const SIZE: Size = Size {
     width: 640,
@@ -101,7 +101,12 @@ fn tempting() -> Vec<Drawing> {
 
 /// Shows every marker of a family in every frame, each in its own part of the picture, and as many tempting figures as
 /// there is room for.
-pub(crate) fn measure(files: &[MarkerFile], conditions: Conditions, frames: u64) -> Score {
+pub(crate) fn measure(
+    files: &[MarkerFile],
+    palette: &Palette,
+    conditions: Conditions,
+    frames: u64,
+) -> Score {
     let family = Family::from_files(files).expect("a usable family");
     let (markers, tempting) = (drawings(files), tempting());
     let mut random = Random(7);
@@ -145,7 +150,14 @@ pub(crate) fn measure(files: &[MarkerFile], conditions: Conditions, frames: u64)
             truth.push(of_family.then_some(drawing.name.as_str()));
             plates.push(plate);
         }
-        picture(SIZE, &plates, &conditions, &mut random, &mut slot.frame);
+        picture(
+            SIZE,
+            &plates,
+            palette,
+            &conditions,
+            &mut random,
+            &mut slot.frame,
+        );
         slot.frame.sequence = sequence;
         slot.frame.stamp_ns = sequence * 1_000_000_000 / RATE_HZ;
         let outcome = pipeline.process(&mut slot).expect("a drawn frame decodes");
@@ -234,7 +246,7 @@ fn small_blurred_and_noisy_markers_are_read_and_nothing_else_is() {
             0.3,
         ),
     ] {
-        let score = measure(&built_in_files(), conditions, 10);
+        let score = measure(&built_in_files(), &GREY, conditions, 10);
         score.print(&conditions);
         assert!(score.recall() >= recall, "{conditions:?}");
         assert!(score.centre_px() <= centre_px, "{conditions:?}");
@@ -243,6 +255,33 @@ fn small_blurred_and_noisy_markers_are_read_and_nothing_else_is() {
             (score.wrong_names, score.half_turns, score.false_markers),
             (0, 0, 0),
             "{conditions:?}"
+        );
+    }
+}
+
+/// Red, blue and green on white on a light table: the plate is hardly brighter than the table, and the marker not much darker
+/// than its own shadow would be.
+#[test]
+fn coloured_markers_on_a_light_table_are_read() {
+    for ink in [
+        [205.0, 45.0, 50.0],
+        [60.0, 90.0, 200.0],
+        [70.0, 160.0, 80.0],
+    ] {
+        let palette = Palette {
+            floor: [222.0, 219.0, 212.0],
+            paper: [232.0, 231.0, 228.0],
+            ink,
+        };
+        let score = measure(&built_in_files(), &palette, USUAL, 6);
+        println!("{ink:?}");
+        score.print(&USUAL);
+        assert!(score.recall() >= 0.97, "{ink:?}");
+        assert!(score.heading_deg() <= 1.0, "{ink:?}");
+        assert_eq!(
+            (score.wrong_names, score.half_turns, score.false_markers),
+            (0, 0, 0),
+            "{ink:?}"
         );
     }
 }
@@ -285,6 +324,6 @@ fn table() {
             ..at(48.0)
         },
     ] {
-        measure(&built_in_files(), conditions, frames).print(&conditions);
+        measure(&built_in_files(), &GREY, conditions, frames).print(&conditions);
     }
 }

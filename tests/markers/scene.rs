@@ -21,6 +21,21 @@ pub(crate) struct Conditions {
     pub(crate) slope: f32,
 }
 
+/// Colours of what is drawn.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Palette {
+    pub(crate) floor: [f32; 3],
+    pub(crate) paper: [f32; 3],
+    pub(crate) ink: [f32; 3],
+}
+
+/// Black on white on grey, before a grey camera.
+pub(crate) const GREY: Palette = Palette {
+    floor: [120.0; 3],
+    paper: [225.0; 3],
+    ink: [40.0; 3],
+};
+
 /// What lies under a plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Robot {
@@ -42,13 +57,9 @@ pub(crate) struct Plate<'a> {
     pub(crate) robot: Robot,
 }
 
-const FLOOR: f32 = 120.0;
-const PAPER: f32 = 225.0;
-const INK: f32 = 40.0;
-
 impl Plate<'_> {
-    /// Grey level at a point relative to the centre; `None` where the floor is seen.
-    fn grey(&self, [x, y]: [f32; 2], plate_px: f32) -> Option<f32> {
+    /// Colour at a point relative to the centre.
+    fn colour(&self, [x, y]: [f32; 2], plate_px: f32, palette: &Palette) -> [f32; 3] {
         let (sin, cos) = self.turn_rad.sin_cos();
         let at = [
             (cos * x + sin * y) / plate_px,
@@ -56,16 +67,16 @@ impl Plate<'_> {
         ];
         let border = at[0].abs().max(at[1].abs());
         if border <= 0.5 {
-            return Some(if contains(self.figure, at) {
-                INK
+            return if contains(self.figure, at) {
+                palette.ink
             } else {
-                PAPER
-            });
+                palette.paper
+            };
         }
         match self.robot {
-            Robot::None => None,
-            Robot::Dark => (x.hypot(y) < plate_px * 0.75 + 3.0).then_some(25.0),
-            Robot::Rim(grey) => (border <= 0.5 + 3.0 / plate_px).then_some(grey),
+            Robot::Dark if x.hypot(y) < plate_px * 0.75 + 3.0 => [25.0; 3],
+            Robot::Rim(grey) if border <= 0.5 + 3.0 / plate_px => [grey; 3],
+            _ => palette.floor,
         }
     }
 }
@@ -85,51 +96,69 @@ fn contains(polygon: &[[f32; 2]], [x, y]: [f32; 2]) -> bool {
     inside
 }
 
-/// A grey camera's picture of plates.
+/// A camera's picture of plates: a grey one's where all colours are grey.
 pub(crate) fn picture(
     size: Size,
     plates: &[Plate<'_>],
+    palette: &Palette,
     conditions: &Conditions,
     random: &mut Random,
     frame: &mut Frame,
 ) {
-    let mut plane = vec![FLOOR; size.area()];
+    let colours = [palette.floor, palette.paper, palette.ink];
+    let is_grey = colours.iter().all(|[r, g, b]| r == g && g == b);
+    let channels = if is_grey { 1 } else { 3 };
+    let mut planes: Vec<Vec<f32>> = (0..channels)
+        .map(|channel| vec![palette.floor[channel]; size.area()])
+        .collect();
     for plate in plates {
-        draw(&mut plane, size, plate, conditions.plate_px);
+        draw(&mut planes, size, plate, palette, conditions.plate_px);
     }
-    let mut plane = blurred(&plane, size, conditions.blur_px);
+    let planes: Vec<Vec<f32>> = planes
+        .iter()
+        .map(|plane| blurred(plane, size, conditions.blur_px))
+        .collect();
     frame.size = size;
-    frame.format = PixelFormat::Grey;
+    frame.format = if is_grey {
+        PixelFormat::Grey
+    } else {
+        PixelFormat::Rgb
+    };
     frame.full_range = true;
     frame.bytes.clear();
-    for (i, grey) in plane.iter_mut().enumerate() {
+    for i in 0..size.area() {
         // Full light at the right border: white is not to be more than the sensor takes.
         let light = |x: f32| 1.0 + conditions.slope * (x - size.width as f32 / 2.0) / 100.0;
-        let lit = *grey * light((i % size.width) as f32) / light(size.width as f32);
-        let seen = lit + conditions.noise * random.normal();
-        frame.bytes.push(seen.round().clamp(0.0, 255.0) as u8);
+        let lit = light((i % size.width) as f32) / light(size.width as f32);
+        for plane in &planes {
+            let seen = plane[i] * lit + conditions.noise * random.normal();
+            frame.bytes.push(seen.round().clamp(0.0, 255.0) as u8);
+        }
     }
 }
 
-fn draw(plane: &mut [f32], size: Size, plate: &Plate<'_>, plate_px: f32) {
+fn draw(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, palette: &Palette, plate_px: f32) {
     let reach = plate_px * 0.75 + 6.0;
     let span = |centre: f32, length: usize| {
         (centre - reach).max(0.0) as usize..((centre + reach).max(0.0) as usize + 1).min(length)
     };
     for y in span(plate.centre[1], size.height) {
         for x in span(plate.centre[0], size.width) {
-            let pixel = &mut plane[y * size.width + x];
-            let floor = *pixel;
-            let mut sum = 0.0;
+            let mut sums = [0.0; 3];
             for i in 0..SUBSAMPLES * SUBSAMPLES {
                 let offset = |i: usize| (i as f32 + 0.5) / SUBSAMPLES as f32 - 0.5;
                 let at = [
                     x as f32 + offset(i % SUBSAMPLES) - plate.centre[0],
                     y as f32 + offset(i / SUBSAMPLES) - plate.centre[1],
                 ];
-                sum += plate.grey(at, plate_px).unwrap_or(floor);
+                let colour = plate.colour(at, plate_px, palette);
+                for (sum, value) in sums.iter_mut().zip(colour) {
+                    *sum += value / (SUBSAMPLES * SUBSAMPLES) as f32;
+                }
             }
-            *pixel = sum / (SUBSAMPLES * SUBSAMPLES) as f32;
+            for (plane, value) in planes.iter_mut().zip(sums) {
+                plane[y * size.width + x] = value;
+            }
         }
     }
 }
