@@ -13,6 +13,8 @@
 //! Lens distortion is not part of it: at least four points are needed, and more of them show by their residual whether the lens bends
 //! straight lines.
 
+use std::path::Path;
+
 use nalgebra::{DMatrix, Matrix2, Matrix3, Point2, Vector2, Vector3};
 use serde::Deserialize;
 
@@ -30,6 +32,8 @@ pub type Homography = [[f64; 3]; 3];
 pub struct Calibration {
     floor_from_image: Matrix3<f64>,
     residual_px: f64,
+    /// Mean of the points' pixels.
+    middle_px: [f64; 2],
 }
 
 /// Why points give no calibration.
@@ -101,6 +105,20 @@ pub struct FloorPoint {
     pub jacobian: [[f64; 2]; 2],
 }
 
+/// The text of a calibration file.
+///
+/// # Errors
+///
+/// When it cannot be read.
+pub(crate) fn read_text(path: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).map_err(|source| {
+        let path = path.display();
+        anyhow::anyhow!(
+            "calibration {path} cannot be read ({source}); name a TOML file with [[points]]"
+        )
+    })
+}
+
 impl Calibration {
     /// Reads the points of a TOML file and fits the map.
     ///
@@ -116,6 +134,12 @@ impl Calibration {
             CalibrationError::Syntax(format!("line {line}: {}", e.message()))
         })?;
         Self::fit(&file.points)
+    }
+
+    /// Width of a pixel on the floor in the middle of the measured points, metres.
+    #[must_use]
+    pub fn metres_per_px(&self) -> Option<f64> {
+        Some(self.to_floor(self.middle_px)?.metres_per_px())
     }
 
     /// Fits the map to points.
@@ -135,6 +159,9 @@ impl Calibration {
         let calibration = Self {
             floor_from_image,
             residual_px: 0.0,
+            middle_px: [0, 1].map(|axis| {
+                points.iter().map(|p| p.pixel[axis]).sum::<f64>() / points.len() as f64
+            }),
         };
         let residuals = calibration.residuals_px(points)?;
         let rms_px = (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt();

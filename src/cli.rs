@@ -39,6 +39,9 @@ pub enum Command {
     Devices,
     /// Learn the empty floor, over which objects may move, and write it into a file for --background
     Background(BackgroundArgs),
+    /// Check marker drawings, and make sheets of them to print
+    #[command(subcommand)]
+    Markers(MarkersCommand),
     /// Print what a running overcam publishes, as --json would
     Watch {
         /// Name of the service
@@ -55,6 +58,50 @@ pub enum Command {
         /// The new file
         #[arg(short, long)]
         output: PathBuf,
+    },
+}
+
+/// What to do with marker drawings.
+#[derive(Debug, Subcommand)]
+pub enum MarkersCommand {
+    /// Say how well each marker shows its direction, which other it is nearest to, and how small it may be in the picture
+    ///
+    /// Ends with status 1 when one of them cannot be used, and says why.
+    Check {
+        /// Folder of marker drawings (SVG); without it the built-in ones
+        folder: Option<PathBuf>,
+        /// Points in pixels and metres (TOML): sizes are then also in centimetres on the floor
+        #[arg(long, value_name = "FILE")]
+        calibration: Option<PathBuf>,
+    },
+    /// Design new markers that can be told from each other and from those that there are
+    Design {
+        /// How many
+        #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=100))]
+        count: u32,
+        /// Folder for the drawings (SVG); it is made where there is none
+        #[arg(short, long, value_name = "DIR")]
+        output: PathBuf,
+        /// Folder of marker drawings that will be used with the new ones
+        #[arg(long, value_name = "DIR")]
+        beside: Option<PathBuf>,
+        /// Another number gives other shapes
+        #[arg(long, value_name = "N", default_value_t = 1)]
+        seed: u64,
+    },
+    /// Draw the markers in their true size on A4 pages, with names and cut lines
+    Sheet {
+        /// Folder of marker drawings (SVG); without it the built-in ones
+        folder: Option<PathBuf>,
+        /// The SVG file; where one page is not enough, the others are FILE-2.svg and so on
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+        /// Side of a plate, millimetres
+        #[arg(long, value_name = "MM", default_value_t = 80, value_parser = clap::value_parser!(u32).range(10..=180))]
+        plate: u32,
+        /// How often each marker is drawn
+        #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
+        copies: u32,
     },
 }
 

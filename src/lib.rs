@@ -24,7 +24,7 @@
 //! * [`slot`]: what travels through the program with a frame;
 //! * [`recording`]: frames and results into MCAP, and back;
 //! * [`publish`]: scenes into shared memory, from where [`watch`] and any planner read them; [`json`]: a scene as a line;
-//! * [`cli`] defines the arguments, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the
+//! * [`cli`] defines the arguments, [`command`] does what they say, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the
 //!   books of the frames, [`status`] shows that they live;
 //! * `raster` draws polygons exactly, for the demo and for the markers' references.
 //!
@@ -36,6 +36,7 @@
 
 pub mod calibration;
 pub mod cli;
+pub mod command;
 mod detection;
 pub mod floor;
 pub mod frame;

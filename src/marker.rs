@@ -6,18 +6,21 @@
 //! fitted to the pixels of the plate, and what the fit leaves decides (`recognition`). What the camera does to every plate
 //! alike, blur and noise, is learned meanwhile (`optics`). Where intensity tells nothing, `colour` may.
 
+pub mod check;
 pub(crate) mod colour;
 pub(crate) mod cutout;
+pub mod design;
 pub mod drawing;
 pub(crate) mod optics;
 mod recognition;
 pub(crate) mod reference;
+pub mod sheet;
 mod template;
 
 use std::path::Path;
 
 use fourier::descriptor::Descriptor;
-use fourier::matching::{compare, distances};
+use fourier::matching::{self, compare, distances};
 
 use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
 pub use crate::marker::recognition::{Recognised, RecognitionSettings};
@@ -25,14 +28,18 @@ use crate::marker::reference::{BLURS_PX, NoReference, PLATES_PX, Reference};
 use crate::marker::template::Template;
 
 /// The built-in family: name and SVG text.
-pub const BUILT_IN: [(&str, &str); 9] = [
+pub const BUILT_IN: [(&str, &str); 13] = [
     ("arrow", include_str!("../markers/arrow.svg")),
+    ("bat", include_str!("../markers/bat.svg")),
     ("chevron", include_str!("../markers/chevron.svg")),
     ("crescent", include_str!("../markers/crescent.svg")),
     ("cup", include_str!("../markers/cup.svg")),
     ("dee", include_str!("../markers/dee.svg")),
     ("drop", include_str!("../markers/drop.svg")),
     ("keyhole", include_str!("../markers/keyhole.svg")),
+    ("moth", include_str!("../markers/moth.svg")),
+    ("sprout", include_str!("../markers/sprout.svg")),
+    ("swift", include_str!("../markers/swift.svg")),
     ("tee", include_str!("../markers/tee.svg")),
     ("triangle", include_str!("../markers/triangle.svg")),
 ];

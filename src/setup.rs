@@ -1,8 +1,8 @@
 //! What a run works with: arguments, the recording that is replayed, and defaults, in this order.
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, bail};
 
-use crate::calibration::Calibration;
+use crate::calibration::{self, Calibration};
 use crate::cli::RunArgs;
 use crate::floor::Floor;
 use crate::floor::region::Region;
@@ -60,12 +60,7 @@ impl Setup {
             _ => built_in_files(),
         };
         let calibration_text = match &args.calibration {
-            Some(path) => Some(std::fs::read_to_string(path).map_err(|source| {
-                let path = path.display();
-                anyhow!(
-                    "calibration {path} cannot be read ({source}); name a TOML file with [[points]]"
-                )
-            })?),
+            Some(path) => Some(calibration::read_text(path)?),
             None => recorded.and_then(|provenance| provenance.calibration.clone()),
         };
         let calibration = calibration_text

@@ -53,7 +53,9 @@ pub(crate) fn project(
         all.vv / all.n - v * v,
     );
     let root = ((uu - vv) * (uu - vv) / 4.0 + uv * uv).sqrt();
-    if !((uu + vv) / 2.0 + root >= SPREAD_MIN * SPREAD_MIN) {
+    let spread = (uu + vv) / 2.0 + root;
+    // Without pixels it is not a number.
+    if spread.is_nan() || spread < SPREAD_MIN * SPREAD_MIN {
         return None;
     }
     let angle = 0.5 * (2.0 * uv).atan2(uu - vv);

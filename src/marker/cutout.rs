@@ -68,8 +68,27 @@ pub(crate) struct Cutout<'a> {
 pub(crate) struct Plate<'a> {
     /// The dark figure on it.
     pub(crate) figure: Option<Figure<'a>>,
-    /// Its border, where that is a square.
-    pub(crate) square: Option<Square>,
+    /// What is light, or at least its border.
+    border: Border<'a>,
+}
+
+/// Pixels around which a square can be laid.
+#[derive(Debug, Clone, Copy)]
+enum Border<'a> {
+    /// Those of a contour.
+    Contour(&'a [Point]),
+    /// Those of a mask that are not 0.
+    Mask(&'a [u8], Size),
+}
+
+impl Plate<'_> {
+    /// Its place, where it is a square.
+    pub(crate) fn square(&self) -> Option<Square> {
+        match self.border {
+            Border::Contour(contour) => square_around(|| contour.iter().copied()),
+            Border::Mask(mask, size) => square_around(|| pixels(mask, size)),
+        }
+    }
 }
 
 /// A dark figure on a bright plate.
@@ -145,12 +164,7 @@ pub(crate) fn find_plates(
         return;
     };
     let light = &mut scratch.light[..size.area()];
-    for ((light, &grey), &mask) in light.iter_mut().zip(grey).zip(mask) {
-        *light = mask & u8::from(f32::from(grey) >= split.threshold);
-    }
-    let whole = (size.width.max(size.height) <= BROKEN_MAX_PX)
-        .then(|| square_around(|| pixels(&scratch.light[..size.area()], size)))
-        .flatten();
+    mark_light(cutout, split.threshold, light);
     let (mut from, mut any) = (0, false);
     while let Some(start) = next_shape(&scratch.light[..size.area()], size, from) {
         from = usize::from(start.y) * size.width + usize::from(start.x);
@@ -163,7 +177,6 @@ pub(crate) fn find_plates(
         }
         let plate = &mut scratch.plate[..removed.bounds.size().area()];
         fill_contour(contour, removed.bounds, plate);
-        let square = square_around(|| contour.iter().copied());
         let memory = PlateScratch {
             grey: &mut scratch.grey,
             dark: &mut scratch.dark,
@@ -172,13 +185,24 @@ pub(crate) fn find_plates(
             isoline: &mut scratch.isoline,
         };
         let figure = figure_on_plate(cutout, removed.bounds, plate, memory);
-        any |= found(Plate { figure, square });
+        let border = Border::Contour(contour);
+        any |= found(Plate { figure, border });
     }
-    if whole.is_some() && !any {
+    if !any && size.width.max(size.height) <= BROKEN_MAX_PX {
+        // The shapes have been taken out of it one by one.
+        let light = &mut scratch.light[..size.area()];
+        mark_light(cutout, split.threshold, light);
         found(Plate {
             figure: None,
-            square: whole,
+            border: Border::Mask(light, size),
         });
+    }
+}
+
+/// Marks what is light in the shape.
+fn mark_light(cutout: Cutout<'_>, threshold: f32, light: &mut [u8]) {
+    for ((light, &grey), &mask) in light.iter_mut().zip(cutout.grey).zip(cutout.mask) {
+        *light = mask & u8::from(f32::from(grey) >= threshold);
     }
 }
 

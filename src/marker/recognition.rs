@@ -101,7 +101,7 @@ impl Family {
             .and_then(|figure| self.starts_by_contour(&figure, optics))
             .and_then(|starts| self.best_fit(starts, cutout, optics, settings));
         by_contour.or_else(|| {
-            let starts = self.starts_by_pattern(plate.square?, cutout, optics)?;
+            let starts = self.starts_by_pattern(plate.square()?, cutout, optics)?;
             self.best_fit(starts, cutout, optics, settings)
         })
     }

@@ -6,6 +6,7 @@ use overcam::marker::{Family, MarkerFile, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
 use overcam::settings::Settings;
 use overcam::slot::Slot;
+use scene::MAX_OBJECTS;
 
 use crate::random::Random;
 use crate::scene::{Conditions, GREY, Palette, Plate, Robot, picture};
@@ -126,7 +127,7 @@ pub(crate) fn measure(
     for sequence in 0..learn + frames {
         let mut plates = Vec::new();
         let mut truth = Vec::new();
-        for cell in (0..columns * rows).filter(|_| sequence >= learn) {
+        for cell in (0..(columns * rows).min(MAX_OBJECTS)).filter(|_| sequence >= learn) {
             let of_family = cell < markers.len();
             let drawing = match markers.get(cell) {
                 Some(marker) => marker,

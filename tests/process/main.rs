@@ -5,6 +5,7 @@
 
 mod fixture;
 mod floor;
+mod markers;
 mod output;
 mod refusals;
 mod replay;

@@ -1,0 +1,161 @@
+//! What each command does: from parsed arguments to the end of the program.
+
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, bail};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+
+use crate::calibration::{self, Calibration};
+use crate::cli::{Cli, Command, MarkersCommand};
+use crate::marker::check::{check, table};
+use crate::marker::design::design;
+use crate::marker::sheet::{Layout, sheet};
+use crate::marker::{MarkerFile, built_in_files, read_folder};
+use crate::recording::recover;
+use crate::run::background::learn_background;
+use crate::run::{Completion, run};
+use crate::source::devices;
+use crate::watch;
+
+/// Does what the arguments say, until it is done or a signal ends it.
+///
+/// # Errors
+///
+/// What kept it from being done, in one line.
+pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // A second Ctrl-C ends the program at once, should the first one not be heard.
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
+            .context("signals")?;
+        signal_hook::flag::register(signal, Arc::clone(&stop)).context("signals")?;
+    }
+    // Registered for every command, lest the signal ends one to which it says nothing.
+    let relearn = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(SIGUSR1, Arc::clone(&relearn)).context("signals")?;
+    let mut out = std::io::stdout().lock();
+    match &cli.command {
+        None => return run(&cli.run, &stop, &relearn, &mut out),
+        Some(Command::Devices) => devices::list(&mut out).context("standard output")?,
+        Some(Command::Background(args)) => learn_background(args, &stop, &mut out)?,
+        Some(Command::Markers(command)) => markers(command, &mut out)?,
+        Some(Command::Watch { service, frames }) => {
+            watch::watch(service, *frames, &stop, &mut out)?
+        }
+        Some(Command::Recover { file, output }) => {
+            let report = recover::recover(file, output)?;
+            let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);
+            let damaged = report.damaged;
+            writeln!(
+                out,
+                "{}: {images} frames, {seconds:.2} s; {damaged} damaged records left out",
+                output.display()
+            )
+            .context("standard output")?;
+        }
+    }
+    Ok(Completion::Done)
+}
+
+fn markers(command: &MarkersCommand, out: &mut impl Write) -> anyhow::Result<()> {
+    match command {
+        MarkersCommand::Check {
+            folder,
+            calibration,
+        } => {
+            let files = marker_files(folder.as_deref())?;
+            let cm_per_px = calibration.as_deref().map(centimetres_per_px).transpose()?;
+            let checks = check(&files);
+            out.write_all(table(&checks, cm_per_px).as_bytes())
+                .context("standard output")?;
+            let refused = checks.iter().filter(|c| c.quality.is_err()).count();
+            if refused > 0 {
+                bail!(
+                    "markers: {refused} of {} cannot be used; change or remove those that the table names",
+                    checks.len()
+                );
+            }
+        }
+        MarkersCommand::Design {
+            count,
+            output,
+            beside,
+            seed,
+        } => {
+            let others = beside.as_deref().map(read_folder).transpose()?;
+            let designed = design(*count as usize, *seed, &others.unwrap_or_default())?;
+            std::fs::create_dir_all(output).with_context(|| not_written(output))?;
+            for file in &designed {
+                let path = output.join(&file.name).with_extension("svg");
+                // What is there may be somebody's own drawing.
+                let mut new =
+                    std::fs::File::create_new(&path).with_context(|| not_written(&path))?;
+                new.write_all(file.svg.as_bytes())
+                    .with_context(|| not_written(&path))?;
+                writeln!(out, "{}", path.display()).context("standard output")?;
+            }
+            if designed.len() < *count as usize {
+                bail!(
+                    "markers: only {} shapes were found that can be told apart; ask for fewer, or try another --seed",
+                    designed.len()
+                );
+            }
+        }
+        MarkersCommand::Sheet {
+            folder,
+            output,
+            plate,
+            copies,
+        } => {
+            let files = marker_files(folder.as_deref())?;
+            let layout = Layout {
+                plate_mm: *plate,
+                copies: *copies,
+            };
+            for (page, svg) in sheet(&files, &layout)?.iter().enumerate() {
+                let path = page_path(output, page);
+                std::fs::write(&path, svg).with_context(|| not_written(&path))?;
+                writeln!(out, "{}", path.display()).context("standard output")?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn not_written(path: &Path) -> String {
+    format!(
+        "{} cannot be written; name another, in a folder that exists",
+        path.display()
+    )
+}
+
+fn marker_files(folder: Option<&Path>) -> anyhow::Result<Vec<MarkerFile>> {
+    Ok(match folder {
+        Some(folder) => read_folder(folder)?,
+        None => built_in_files(),
+    })
+}
+
+fn centimetres_per_px(path: &Path) -> anyhow::Result<f64> {
+    let text = calibration::read_text(path)?;
+    let calibration = Calibration::from_toml(&text).with_context(|| path.display().to_string())?;
+    let metres = calibration
+        .metres_per_px()
+        .with_context(|| format!("{}: it maps its points to infinity", path.display()))?;
+    Ok(100.0 * metres)
+}
+
+/// `sheet.svg`, `sheet-2.svg` and so on.
+fn page_path(output: &Path, page: usize) -> std::path::PathBuf {
+    if page == 0 {
+        return output.to_owned();
+    }
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = output.extension().map_or(String::new(), |extension| {
+        format!(".{}", extension.to_string_lossy())
+    });
+    output.with_file_name(format!("{stem}-{}{extension}", page + 1))
+}
