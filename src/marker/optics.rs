@@ -54,11 +54,12 @@ impl Optics {
     }
 
     /// What a fit may start from.
-    pub(crate) fn prior(&self, plate_ln_sigma: f32) -> Prior {
+    pub(crate) fn prior(&self, plate_ln_sigma: f32, misfit_max: f32) -> Prior {
         Prior {
             noise: self.noise.max(NOISE_LEAST),
             blur_ln_sigma: (self.ln_variance + BETWEEN_PLATES * BETWEEN_PLATES).sqrt(),
             plate_ln_sigma,
+            misfit_max,
         }
     }
 

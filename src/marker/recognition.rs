@@ -114,7 +114,7 @@ impl Family {
         optics: &Optics,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
-        let prior = optics.prior(PLATE_LN_SIGMA);
+        let prior = optics.prior(PLATE_LN_SIGMA, settings.misfit_max);
         let mut best: Option<(usize, Fit)> = None;
         let mut rival = f32::INFINITY;
         for (marker, start) in starts.into_iter().flatten() {

@@ -14,11 +14,12 @@
 //!
 //! # Range
 //!
-//! The fit starts from a pose that is right to within about a pixel and a tenth of the turn, as the descriptor of the contour
-//! gives it. Only pixels inside the plate count, those less than two blurs from its border not: what is beside the plate
+//! The fit starts from a pose that is right to within about a pixel, 3 degrees and a twentieth of the size, as the descriptor
+//! of the contour gives it: from farther away it is taken for something else and given up. Only pixels inside the plate count, those less than two blurs from its border not: what is beside the plate
 //! is unknown. Plates of more than [`PLATE_BINNED_PX`] are fitted to the means of square blocks of pixels.
 //!
-//! Cost: three to six rounds of about 150 operations a pixel of the plate.
+//! Cost: a round for light and contrast and a first one for the pose with some 250 pixels, which show most of what is something
+//! else, then two to four with all of them, about 200 operations each.
 
 use crate::{Size, assert_len};
 
@@ -31,8 +32,23 @@ const TURN: usize = 6;
 const SIZE: usize = 7;
 const BLUR: usize = 8;
 
-/// Rounds at most; most fits end after three or four.
-const ROUNDS_MAX: usize = 8;
+/// Rounds at most, besides that for the light; most fits end after two or three.
+const ROUNDS_MAX: usize = 7;
+
+/// A fit is given up when a round starts with a residual of more than so many times what is allowed: the first round, the
+/// second, and so on. Shapes that are there start with less than 4.8, 2.9, 1.7 and 1.5.
+const GIVE_UP: [f32; 4] = [8.0, 3.5, 2.0, 1.5];
+
+/// Or when the first round's equations promise no better than so many times of it. Shapes that are there: 4.2 at plates of 12
+/// pixels, less on larger ones.
+const GIVE_UP_PROMISED: f32 = 4.5;
+
+/// Or when it still is over what a last round may start with, and the round before took less than this share away: where the
+/// shape is there, every round halves what is too much.
+const PROGRESS_MIN: f32 = 0.1;
+
+/// What is wrong shows in a few pixels already: the first round takes so many across a plate, if it has more.
+const COARSE_ACROSS: f32 = 16.0;
 
 /// From this plate on, pixels are taken together in blocks, so that a plate is never more than twice as many blocks across.
 pub const PLATE_BINNED_PX: f32 = 80.0;
@@ -81,6 +97,9 @@ pub struct Prior {
     pub blur_ln_sigma: f32,
     /// The same of its plate.
     pub plate_ln_sigma: f32,
+    /// What a shape that is there leaves at most, besides noise: root mean square, share of the contrast. Fits that will not
+    /// get near to it are given up.
+    pub misfit_max: f32,
 }
 
 /// What the pixels say.
@@ -106,7 +125,8 @@ pub struct Fit {
 
 /// Fits a shape to a plane of grey values.
 ///
-/// `None` where the pixels say nothing of the pose (plate outside of the plane, no contrast) or lead away from the start.
+/// `None` where the pixels say nothing of the pose (plate outside of the plane, no contrast), lead away from the start, or
+/// clearly show something else.
 ///
 /// # Panics
 ///
@@ -136,27 +156,27 @@ pub fn fit_shape(
         block_px,
         origin: start.centre,
     };
-    let mut state = State {
-        light: 0.0,
-        slope: [0.0; 2],
-        share: 0.0,
-        pose: start,
-    };
-    let mut known = false;
+    let stride = (start.plate_px / (block_px as f32 * COARSE_ACROSS)).max(1.0) as usize;
+    let mut state = view.lit(start, stride)?;
     let noise = f64::from(prior.noise / block_px as f32);
+    let mut before = f32::INFINITY;
     for round in 0..ROUNDS_MAX {
-        let mut normal = view.normal(&state);
+        let coarse = round == 0 && stride > 1;
+        let mut normal = view.normal(&state, if coarse { stride } else { 1 });
         if normal.n < UNKNOWNS as f32 + 3.0 {
             return None;
         }
-        if !known {
-            // Light and contrast first: without them the derivatives of the pose are zero.
-            state.start_light(&normal)?;
-            known = true;
-            continue;
-        }
         let freedom = f64::from(normal.n) - UNKNOWNS as f64;
         let variance = (normal.squares / freedom).max(noise * noise);
+        let misfit = prior.misfit_max * state.light * state.share;
+        let allowed = libm::hypot(noise, f64::from(misfit));
+        let excess = |squares: f64| (libm::sqrt(squares.max(0.0) / freedom) / allowed) as f32;
+        let left = excess(normal.squares);
+        let stuck = left > GIVE_UP[3] && left > (1.0 - PROGRESS_MIN) * before;
+        if stuck || left > GIVE_UP[round.min(3)] {
+            return None;
+        }
+        before = left;
         let add_prior = |normal: &mut Normal, i: usize, off: f32, sigma: f32| {
             let weight = variance / f64::from(sigma * sigma);
             normal.matrix[i][i] += weight;
@@ -182,7 +202,12 @@ pub fn fit_shape(
                 .map(|k| inverse[i][k] * normal.right[k])
                 .sum::<f64>()
         });
-        let small = step[X].abs() < 1e-3
+        let taken: f64 = (0..UNKNOWNS).map(|i| step[i] * normal.right[i]).sum();
+        if round == 0 && excess(normal.squares - taken) > GIVE_UP_PROMISED {
+            return None;
+        }
+        let small = !coarse
+            && step[X].abs() < 1e-3
             && step[Y].abs() < 1e-3
             && step[TURN].abs() < 1e-3 / f64::from(pose.plate_px)
             && step[SIZE].abs() < 1e-3
@@ -221,25 +246,6 @@ struct State {
 }
 
 impl State {
-    /// Light and contrast of least squares for a pose, without a slope. `None` when the shape is not darker than its plate.
-    fn start_light(&mut self, normal: &Normal) -> Option<()> {
-        // With no contrast yet the model is `light`: its derivative is 1, and that of the contrast the coverage.
-        let [n, t, tt] = [normal.weights[0], normal.weights[1], normal.weights[2]];
-        let [g, gt] = [normal.weights[3], normal.weights[4]];
-        let determinant = n * tt - t * t;
-        if determinant < 1e-3 * n * n {
-            return None;
-        }
-        let light = (g * tt - gt * t) / determinant;
-        let dark = (g * t - n * gt) / determinant;
-        if !(light > 1.0 && dark > 0.05 * light) {
-            return None;
-        }
-        self.light = light as f32;
-        self.share = (dark / light) as f32;
-        Some(())
-    }
-
     fn take(&mut self, step: &[f64; UNKNOWNS]) {
         let step = step.map(|s| s as f32);
         let pose = &mut self.pose;
@@ -272,8 +278,6 @@ struct Normal {
     right: [f64; UNKNOWNS],
     squares: f64,
     n: f32,
-    /// Sums of 1, coverage, its square, grey, grey times coverage.
-    weights: [f64; 5],
 }
 
 /// What is looked at.
@@ -287,8 +291,48 @@ struct View<'a> {
     origin: [f32; 2],
 }
 
+/// One pixel, or block of pixels, of a plate.
+struct Sample {
+    /// 1, less at the border of what counts.
+    weight: f32,
+    grey: f32,
+    /// From the plate's centre, pixels.
+    from_centre: [f32; 2],
+    /// The same in the plate's own axes, in units of its side.
+    u: f32,
+    v: f32,
+    /// Coverage, its derivatives along u and v and for the logarithm of the blur.
+    coverage: [f32; 4],
+}
+
 impl View<'_> {
-    fn normal(&self, state: &State) -> Normal {
+    /// Light and contrast of least squares for a pose, without a slope. `None` when the shape is not darker than its plate.
+    fn lit(&self, pose: Pose, stride: usize) -> Option<State> {
+        // Sums of 1, coverage, its square, grey, grey times coverage.
+        let mut sums = [0.0f32; 5];
+        self.each_sample(&pose, stride, |sample| {
+            let Sample { weight, grey, .. } = sample;
+            let t = sample.coverage[0];
+            for (sum, moment) in sums.iter_mut().zip([1.0, t, t * t, grey, grey * t]) {
+                *sum += weight * moment;
+            }
+        });
+        let [n, t, tt, g, gt] = sums.map(f64::from);
+        let determinant = n * tt - t * t;
+        if n < UNKNOWNS as f64 || determinant < 1e-3 * n * n {
+            return None;
+        }
+        let light = (g * tt - gt * t) / determinant;
+        let dark = (g * t - n * gt) / determinant;
+        (light > 1.0 && dark > 0.05 * light).then(|| State {
+            light: light as f32,
+            slope: [0.0; 2],
+            share: (dark / light) as f32,
+            pose,
+        })
+    }
+
+    fn normal(&self, state: &State, stride: usize) -> Normal {
         let Pose {
             centre,
             turn_rad,
@@ -296,17 +340,70 @@ impl View<'_> {
             blur_px,
         } = state.pose;
         let (sin, cos) = libm::sincosf(turn_rad);
-        let block = self.block_px as f32;
-        let spread_px = libm::sqrtf(blur_px * blur_px + PIXEL_VARIANCE * block * block);
-        let blend = self.blend(spread_px / plate_px);
-        let half_px = plate_px / 2.0 - BORDER_BLURS * spread_px;
+        let from_origin = [0, 1].map(|i| centre[i] - self.origin[i]);
+        // The pixel's own part of the blur does not change.
+        let lens_share = blur_px * blur_px / self.blur_variance(blur_px);
         let mut normal = Normal {
             matrix: [[0.0; UNKNOWNS]; UNKNOWNS],
             right: [0.0; UNKNOWNS],
             squares: 0.0,
             n: 0.0,
-            weights: [0.0; 5],
         };
+        let mut batch = Batch::new();
+        self.each_sample(&state.pose, stride, |sample| {
+            let [t, tu, tv, tblur] = sample.coverage;
+            let Sample { u, v, .. } = sample;
+            let slope = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) / plate_px);
+            let light = state.light + state.slope[0] * slope[0] + state.slope[1] * slope[1];
+            let bare = 1.0 - state.share * t;
+            let dark = -light * state.share;
+            let derivatives = [
+                bare,
+                slope[0] * bare,
+                slope[1] * bare,
+                -light * t,
+                dark * (sin * tv - cos * tu) / plate_px,
+                dark * (-sin * tu - cos * tv) / plate_px,
+                dark * (tu * v - tv * u),
+                dark * (-tu * u - tv * v - tblur),
+                dark * tblur * lens_share,
+            ];
+            batch.push(
+                sample.weight,
+                derivatives,
+                sample.grey - light * bare,
+                &mut normal,
+            );
+        });
+        batch.add_to(&mut normal);
+        for i in 0..UNKNOWNS {
+            for k in 0..i {
+                normal.matrix[i][k] = normal.matrix[k][i];
+            }
+        }
+        normal
+    }
+
+    /// Variance of all that blurs a sample.
+    fn blur_variance(&self, blur_px: f32) -> f32 {
+        let block = self.block_px as f32;
+        blur_px * blur_px + PIXEL_VARIANCE * block * block
+    }
+
+    /// Calls `found` with everything on the plate that counts, or with one of `stride` in each row and column.
+    #[inline(always)]
+    fn each_sample(&self, pose: &Pose, stride: usize, mut found: impl FnMut(Sample)) {
+        let &Pose {
+            centre,
+            turn_rad,
+            plate_px,
+            blur_px,
+        } = pose;
+        let (sin, cos) = libm::sincosf(turn_rad);
+        let block = self.block_px as f32;
+        let spread_px = libm::sqrtf(self.blur_variance(blur_px));
+        let blend = self.blend(spread_px / plate_px);
+        let half_px = plate_px / 2.0 - BORDER_BLURS * spread_px;
         // Columns and rows of blocks, the first centred on the pixel (block - 1) / 2.
         let reach = (half_px + 1.0).max(0.0) * (sin.abs() + cos.abs());
         let middle = (block - 1.0) / 2.0;
@@ -315,12 +412,10 @@ impl View<'_> {
             let to = ((centre + reach - middle) / block + 1.0).max(0.0) as usize;
             from..(to + 1).min(length / self.block_px).max(from)
         };
-        for row in span(centre[1], self.size.height) {
-            let mut sums = RowSums::default();
-            let y = row as f32 * block + middle;
-            for column in span(centre[0], self.size.width) {
-                let x = column as f32 * block + middle;
-                let (dx, dy) = (x - centre[0], y - centre[1]);
+        for row in span(centre[1], self.size.height).step_by(stride) {
+            let dy = row as f32 * block + middle - centre[1];
+            for column in span(centre[0], self.size.width).step_by(stride) {
+                let dx = column as f32 * block + middle - centre[0];
                 let (along, across) = (cos * dx + sin * dy, cos * dy - sin * dx);
                 // Full weight from half a pixel inside of the limit on.
                 let inside = (half_px - along.abs()).min(half_px - across.abs()) / block + 0.5;
@@ -328,39 +423,19 @@ impl View<'_> {
                     continue;
                 }
                 let (u, v) = (along / plate_px, across / plate_px);
-                let Some([t, tu, tv, tblur]) = self.coverage(u, v, &blend) else {
+                let Some(coverage) = self.coverage(u, v, &blend) else {
                     continue;
                 };
-                let grey = self.grey(column, row);
-                let slope = [
-                    (x - self.origin[0]) / plate_px,
-                    (y - self.origin[1]) / plate_px,
-                ];
-                let light = state.light + state.slope[0] * slope[0] + state.slope[1] * slope[1];
-                let bare = 1.0 - state.share * t;
-                let dark = -light * state.share;
-                let derivatives = [
-                    bare,
-                    slope[0] * bare,
-                    slope[1] * bare,
-                    -light * t,
-                    dark * (sin * tv - cos * tu) / plate_px,
-                    dark * (-sin * tu - cos * tv) / plate_px,
-                    dark * (tu * v - tv * u),
-                    dark * (-tu * u - tv * v - tblur),
-                    // The pixel's own part of the blur does not change.
-                    dark * tblur * (blur_px * blur_px) / (spread_px * spread_px),
-                ];
-                sums.add(inside.min(1.0), derivatives, grey - light * bare, t, grey);
-            }
-            sums.add_to(&mut normal);
-        }
-        for i in 0..UNKNOWNS {
-            for k in 0..i {
-                normal.matrix[i][k] = normal.matrix[k][i];
+                found(Sample {
+                    weight: inside.min(1.0),
+                    grey: self.grey(column, row),
+                    from_centre: [dx, dy],
+                    u,
+                    v,
+                    coverage,
+                });
             }
         }
-        normal
     }
 
     /// Mean of a block's pixels.
@@ -410,17 +485,15 @@ impl View<'_> {
         }
         let (column, row) = (x as usize, y as usize);
         let (x, y) = (x - column as f32, y - row as f32);
-        let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
         let at = |layer: usize| {
             let first = (layer * side + row) * side + column;
-            let taps = [first, first + 1, first + side, first + side + 1];
-            let mut sum = [0.0f32; 4];
-            for (tap, weight) in taps.into_iter().zip(weights) {
-                for (sum, sample) in sum.iter_mut().zip(samples[tap]) {
-                    *sum += weight * sample;
-                }
-            }
-            sum
+            let taps = &samples[first..first + side + 2];
+            let [left, right] = [0, 1].map(|i| -> [f32; 4] {
+                let [above, below] = [taps[i], taps[side + i]];
+                core::array::from_fn(|k| above[k] + y * (below[k] - above[k]))
+            });
+            let between: [f32; 4] = core::array::from_fn(|k| left[k] + x * (right[k] - left[k]));
+            between
         };
         let (sharp, soft) = (at(blend.below), at(blend.below + 1));
         let mix = |i: usize| sharp[i] + blend.share * (soft[i] - sharp[i]);
@@ -437,55 +510,77 @@ struct Blend {
     layers_per_ln: f32,
 }
 
-/// Sums over one row of pixels, in single precision.
-#[derive(Default)]
-struct RowSums {
-    matrix: [[f32; UNKNOWNS]; UNKNOWNS],
-    right: [f32; UNKNOWNS],
-    squares: f32,
-    n: f32,
-    weights: [f32; 5],
+/// Pixels whose products are summed at once.
+const BATCH: usize = 32;
+
+/// Sums that run side by side.
+const LANES: usize = 4;
+
+/// Some pixels' part of the normal equations, one row per unknown, so that the products of many pixels are taken at once.
+struct Batch {
+    derivatives: [[f32; BATCH]; UNKNOWNS],
+    residual: [f32; BATCH],
+    weight: [f32; BATCH],
+    len: usize,
 }
 
-impl RowSums {
+impl Batch {
+    fn new() -> Self {
+        Self {
+            derivatives: [[0.0; BATCH]; UNKNOWNS],
+            residual: [0.0; BATCH],
+            weight: [0.0; BATCH],
+            len: 0,
+        }
+    }
+
     #[inline]
-    fn add(
+    fn push(
         &mut self,
         weight: f32,
         derivatives: [f32; UNKNOWNS],
         residual: f32,
-        coverage: f32,
-        grey: f32,
+        normal: &mut Normal,
     ) {
-        for i in 0..UNKNOWNS {
-            let weighted = weight * derivatives[i];
-            let products = self.matrix[i][i..].iter_mut().zip(&derivatives[i..]);
-            for (sum, derivative) in products {
-                *sum += weighted * derivative;
-            }
-            self.right[i] += weighted * residual;
+        let i = self.len;
+        for (row, derivative) in self.derivatives.iter_mut().zip(derivatives) {
+            row[i] = derivative;
         }
-        self.squares += weight * residual * residual;
-        self.n += weight;
-        let moments = [1.0, coverage, coverage * coverage, grey, grey * coverage];
-        for (sum, moment) in self.weights.iter_mut().zip(moments) {
-            *sum += weight * moment;
+        self.residual[i] = residual;
+        self.weight[i] = weight;
+        self.len += 1;
+        if self.len == BATCH {
+            self.add_to(normal);
         }
     }
 
-    fn add_to(&self, normal: &mut Normal) {
+    /// Adds what is left of the batch to the sums, and empties it.
+    fn add_to(&mut self, normal: &mut Normal) {
+        self.weight[self.len..].fill(0.0);
+        self.len = 0;
+        let weighted = |row: &[f32; BATCH]| -> [f32; BATCH] {
+            core::array::from_fn(|i| row[i] * self.weight[i])
+        };
         for i in 0..UNKNOWNS {
+            let row = weighted(&self.derivatives[i]);
             for k in i..UNKNOWNS {
-                normal.matrix[i][k] += f64::from(self.matrix[i][k]);
+                normal.matrix[i][k] += f64::from(dot(&row, &self.derivatives[k]));
             }
-            normal.right[i] += f64::from(self.right[i]);
+            normal.right[i] += f64::from(dot(&row, &self.residual));
         }
-        normal.squares += f64::from(self.squares);
-        normal.n += self.n;
-        for (sum, row) in normal.weights.iter_mut().zip(self.weights) {
-            *sum += f64::from(row);
+        normal.squares += f64::from(dot(&weighted(&self.residual), &self.residual));
+        normal.n += self.weight.iter().sum::<f32>();
+    }
+}
+
+fn dot(a: &[f32; BATCH], b: &[f32; BATCH]) -> f32 {
+    let mut lanes = [0.0f32; LANES];
+    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
+        for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
+            *lane += a * b;
         }
     }
+    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3])
 }
 
 /// Inverse of a symmetric, positive matrix by Cholesky's decomposition; `None` where it is not positive.
@@ -618,13 +713,14 @@ mod tests {
         noise: 0.3,
         blur_ln_sigma: 0.35,
         plate_ln_sigma: 0.1,
+        misfit_max: 0.04,
     };
 
     fn near(pose: &Pose) -> Pose {
         Pose {
             centre: [pose.centre[0] + 0.7, pose.centre[1] - 0.6],
-            turn_rad: pose.turn_rad + 0.12,
-            plate_px: pose.plate_px * 1.06,
+            turn_rad: pose.turn_rad + 0.052,
+            plate_px: pose.plate_px * 1.05,
             blur_px: 0.65,
         }
     }
