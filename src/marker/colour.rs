@@ -17,16 +17,16 @@ const MARKER_LEVEL: f32 = 40.0;
 /// Differences of colour are not magnified more than this, and their noise with them.
 const GAIN_MAX: f32 = 2.0;
 
-/// Sums over some pixels.
+/// Sums over some pixels: of 1, the saturation, the chromaticity and its products.
 #[derive(Debug, Default, Clone, Copy)]
 struct Moments {
-    n: f32,
-    saturation: f32,
-    u: f32,
-    v: f32,
-    uu: f32,
-    uv: f32,
-    vv: f32,
+    n: i64,
+    saturation: i64,
+    u: i64,
+    v: i64,
+    uu: i64,
+    uv: i64,
+    vv: i64,
 }
 
 /// Projects the colours of a rectangle so that what is colourless is light and what is not is dark. `mask` says which pixels of the rectangle
@@ -42,16 +42,14 @@ pub(crate) fn project(
     let size = bounds.size();
     assert_eq!(mask.len(), size.area(), "mask does not fit the rectangle");
     assert_eq!(out.len(), size.area(), "out does not fit the rectangle");
-    let pixel = |i: usize| colour(picture, bounds, size, i);
-    let counted = || (0..mask.len()).filter(|&i| mask[i] != 0).map(pixel);
 
-    let all = moments(counted());
-    let (u, v) = (all.u / all.n, all.v / all.n);
-    let (uu, uv, vv) = (
-        all.uu / all.n - u * u,
-        all.uv / all.n - u * v,
-        all.vv / all.n - v * v,
-    );
+    let mut all = Moments::default();
+    each_counted(picture, bounds, mask, |colour| all.add(colour));
+    let n = all.n as f32;
+    let [u, v] = [all.u, all.v].map(|sum| sum as f32 / n);
+    let uu = all.uu as f32 / n - u * u;
+    let uv = all.uv as f32 / n - u * v;
+    let vv = all.vv as f32 / n - v * v;
     let root = ((uu - vv) * (uu - vv) / 4.0 + uv * uv).sqrt();
     let spread = (uu + vv) / 2.0 + root;
     // Without pixels it is not a number.
@@ -60,13 +58,19 @@ pub(crate) fn project(
     }
     let angle = 0.5 * (2.0 * uv).atan2(uu - vv);
     let (b, a) = angle.sin_cos();
-    let along = |[r, g, blue]: [f32; 3]| a * (r - g) + b * (blue - g);
+    let along = |colour: [u8; 3]| {
+        let [u, v] = chromaticity(colour);
+        a * u as f32 + b * v as f32
+    };
     let middle = a * u + b * v;
 
-    let beyond = moments(counted().filter(|&c| along(c) >= middle));
-    let before = moments(counted().filter(|&c| along(c) < middle));
-    let mean = |m: Moments| (a * m.u + b * m.v) / m.n.max(1.0);
-    let grey = |m: Moments| -m.saturation / m.n.max(1.0);
+    let mut sides = [Moments::default(); 2];
+    each_counted(picture, bounds, mask, |colour| {
+        sides[usize::from(along(colour) >= middle)].add(colour);
+    });
+    let mean = |m: Moments| (a * m.u as f32 + b * m.v as f32) / m.n.max(1) as f32;
+    let grey = |m: Moments| -m.saturation as f32 / m.n.max(1) as f32;
+    let [before, beyond] = sides;
     let (plate, marker) = if grey(beyond) >= grey(before) {
         (mean(beyond), mean(before))
     } else {
@@ -74,33 +78,58 @@ pub(crate) fn project(
     };
     let apart = marker - plate;
     let gain = ((PLATE_LEVEL - MARKER_LEVEL) / apart.abs()).min(GAIN_MAX);
-    for (i, out) in out.iter_mut().enumerate() {
-        let towards_marker = (along(pixel(i)) - plate) * apart.signum();
-        *out = (PLATE_LEVEL - gain * towards_marker).round() as u8;
+    for (out, colours) in out.chunks_exact_mut(size.width).zip(rows(picture, bounds)) {
+        for (out, colour) in out.iter_mut().zip(colours) {
+            let towards_marker = (along(colour) - plate) * apart.signum();
+            // Rounded: what is below zero becomes zero.
+            *out = (PLATE_LEVEL - gain * towards_marker + 0.5) as u8;
+        }
     }
     Some(gain * (a * a + b * b + (a + b) * (a + b)).sqrt())
 }
 
-fn colour(picture: &Picture, bounds: Bounds, size: Size, i: usize) -> [f32; 3] {
-    let (x, y) = (i % size.width, i / size.width);
-    let at = (usize::from(bounds.top) + y) * picture.size.width + usize::from(bounds.left) + x;
-    [&picture.red, &picture.green, &picture.blue].map(|plane| f32::from(plane[at]))
+/// The colours of a rectangle, row by row.
+fn rows(
+    picture: &Picture,
+    bounds: Bounds,
+) -> impl Iterator<Item = impl Iterator<Item = [u8; 3]> + '_> + '_ {
+    let (left, width) = (usize::from(bounds.left), bounds.size().width);
+    (bounds.top..=bounds.bottom).map(move |y| {
+        let start = usize::from(y) * picture.size.width + left;
+        let [red, green, blue] =
+            [&picture.red, &picture.green, &picture.blue].map(|plane| &plane[start..start + width]);
+        let colours = red.iter().zip(green).zip(blue);
+        colours.map(|((&red, &green), &blue)| [red, green, blue])
+    })
 }
 
-/// Chromaticity is red and blue, each less green.
-fn moments(colours: impl Iterator<Item = [f32; 3]>) -> Moments {
-    let mut sums = Moments::default();
-    for [r, g, b] in colours {
-        let (u, v) = (r - g, b - g);
-        sums.n += 1.0;
-        sums.saturation += r.max(g).max(b) - r.min(g).min(b);
-        sums.u += u;
-        sums.v += v;
-        sums.uu += u * u;
-        sums.uv += u * v;
-        sums.vv += v * v;
+/// Calls `found` with the colours of a rectangle that the mask counts.
+fn each_counted(picture: &Picture, bounds: Bounds, mask: &[u8], mut found: impl FnMut([u8; 3])) {
+    let width = bounds.size().width;
+    for (mask, colours) in mask.chunks_exact(width).zip(rows(picture, bounds)) {
+        let counted = mask.iter().zip(colours).filter(|(mask, _)| **mask != 0);
+        counted.for_each(|(_, colour)| found(colour));
     }
-    sums
+}
+
+/// Red and blue, each less green.
+fn chromaticity([red, green, blue]: [u8; 3]) -> [i32; 2] {
+    [red, blue].map(|channel| i32::from(channel) - i32::from(green))
+}
+
+impl Moments {
+    fn add(&mut self, colour: [u8; 3]) {
+        let [u, v] = chromaticity(colour);
+        let [red, green, blue] = colour;
+        let saturation = red.max(green).max(blue) - red.min(green).min(blue);
+        self.n += 1;
+        self.saturation += i64::from(saturation);
+        self.u += i64::from(u);
+        self.v += i64::from(v);
+        self.uu += i64::from(u * u);
+        self.uv += i64::from(u * v);
+        self.vv += i64::from(v * v);
+    }
 }
 
 #[cfg(test)]

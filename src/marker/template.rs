@@ -72,7 +72,7 @@ impl Pattern {
 /// Layers of one marker.
 #[derive(Debug, Clone)]
 pub(crate) struct Template {
-    samples: Vec<[f32; 4]>,
+    samples: Vec<f32>,
     pattern: Pattern,
 }
 
@@ -92,31 +92,14 @@ impl Template {
             let mut plane = sharp.clone();
             let sigma = FIRST_BLUR * BLUR_RATIO.powi(layer as i32) * PER_PLATE as f32;
             // Coverage is a mean over a sample's square already, and the fit interpolates: 1/12 and 1/6 of the variance.
-            blur(
-                &mut plane,
-                size,
-                (sigma * sigma - 0.25).sqrt(),
-                &mut scratch,
-            );
-            let at = |column: usize, row: usize| plane[row * SIDE + column];
-            let slope = PER_PLATE as f32 / 2.0;
-            for row in 0..SIDE {
-                let (above, below) = (row.saturating_sub(1), (row + 1).min(SIDE - 1));
-                for column in 0..SIDE {
-                    let (left, right) = (column.saturating_sub(1), (column + 1).min(SIDE - 1));
-                    samples.push([
-                        at(column, row),
-                        slope * (at(right, row) - at(left, row)),
-                        slope * (at(column, below) - at(column, above)),
-                        0.0,
-                    ]);
-                }
-            }
+            let variance = sigma * sigma - 0.25;
+            blur(&mut plane, size, variance.sqrt(), &mut scratch);
+            samples.extend_from_slice(&plane);
         }
         let pattern = Pattern::of(|[u, v]| {
             let sample = |c: f32| (c * PER_PLATE as f32 + middle).round() as usize;
             let i = (PATTERN_LAYER * SIDE + sample(v)) * SIDE + sample(u);
-            Some(-samples[i][0])
+            Some(-samples[i])
         });
         // A marker covers a part of its plate.
         let pattern = pattern.unwrap_or(Pattern([0.0; POINTS * POINTS]));

@@ -105,9 +105,10 @@ fn fit(coefficients: &[Complex32; N], reference: &[Complex32; N], half_turn: boo
         // Derivatives of target * exp(j (turn + frequency * shift)): j and j * frequency times itself.
         let (mut tt, mut ts, mut ss, mut tr, mut sr) = (0.0, 0.0, 0.0, 0.0, 0.0);
         left = 0.0;
+        let phases = phases(turn, shift);
         for (k, coefficient) in coefficients.iter().enumerate().skip(1) {
             let f = frequency(k) as f32;
-            let model = target(k) * Complex32::from_polar(1.0, turn + f * shift);
+            let model = target(k) * phases[k];
             let residual = coefficient - model;
             let power = model.norm_sqr();
             // Real part of conj(j * model) * residual.
@@ -127,6 +128,19 @@ fn fit(coefficients: &[Complex32; N], reference: &[Complex32; N], half_turn: boo
         shift += (sr * tt - tr * ts) / determinant;
     }
     (turn, left)
+}
+
+/// `exp(j (turn + frequency * shift))` of every coefficient, each from its neighbour's.
+fn phases(turn: f32, shift: f32) -> [Complex32; N] {
+    let step = Complex32::from_polar(1.0, shift);
+    let mut phases = [Complex32::from_polar(1.0, turn); N];
+    for k in (1..N).take_while(|&k| frequency(k) > 0) {
+        phases[k] = phases[k - 1] * step;
+    }
+    for k in (1..N).rev().take_while(|&k| frequency(k) < 0) {
+        phases[k] = phases[(k + 1) % N] * step.conj();
+    }
+    phases
 }
 
 #[cfg(test)]

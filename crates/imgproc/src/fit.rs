@@ -18,8 +18,8 @@
 //! of the contour gives it: from farther away it is taken for something else and given up. Only pixels inside the plate count, those less than two blurs from its border not: what is beside the plate
 //! is unknown. Plates of more than [`PLATE_BINNED_PX`] are fitted to the means of square blocks of pixels.
 //!
-//! Cost: a round for light and contrast and a first one for the pose with some 250 pixels, which show most of what is something
-//! else, then two to four with all of them, about 200 operations each.
+//! Cost: a round for light and contrast and two for the pose with some 200 blocks of pixels, which show most of what is something
+//! else, then one to three with all of them, about 200 operations each.
 
 use crate::{Size, assert_len};
 
@@ -47,8 +47,16 @@ const GIVE_UP_PROMISED: f32 = 4.5;
 /// shape is there, every round halves what is too much.
 const PROGRESS_MIN: f32 = 0.1;
 
-/// What is wrong shows in a few pixels already: the first round takes so many across a plate, if it has more.
-const COARSE_ACROSS: f32 = 16.0;
+/// A fit ends with a step that moves no point of the plate farther than this; the next one would be a tenth of it.
+const LAST_STEP_PX: f64 = 0.01;
+
+/// And changes the logarithm of the blur by no more than this.
+const LAST_STEP_BLUR: f64 = 0.03;
+
+/// The first rounds take pixels together so that a plate has so many blocks across: a few show what is wrong already, and in
+/// what is blurred one sees farther.
+const COARSE_ACROSS: f32 = 12.0;
+const COARSE_ROUNDS: usize = 2;
 
 /// From this plate on, pixels are taken together in blocks, so that a plate is never more than twice as many blocks across.
 pub const PLATE_BINNED_PX: f32 = 80.0;
@@ -62,9 +70,8 @@ const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
 /// A shape's picture at several blurs. Each layer is a square grid of samples over the plate and what is around it.
 #[derive(Debug, Clone, Copy)]
 pub struct Layers<'a> {
-    /// Layer after layer, row after row: coverage by the shape, 0 to 1, and its derivatives along u and v. The fourth value
-    /// is not used.
-    pub samples: &'a [[f32; 4]],
+    /// Layer after layer, row after row: coverage by the shape, 0 to 1.
+    pub samples: &'a [f32],
     /// Samples in a row, and rows.
     pub side: usize,
     /// Samples over the side of the plate, whose centre is in the middle of the grid.
@@ -147,22 +154,23 @@ pub fn fit_shape(
         layers.samples.len(),
         layers.side
     );
-    let block_px = (start.plate_px / (PLATE_BINNED_PX / 2.0)).max(1.0) as usize;
-    let view = View {
+    let view = |blocks_across: f32| View {
         plane,
         size,
         layers,
         n_layers,
-        block_px,
+        block_px: (start.plate_px / blocks_across).max(1.0) as usize,
         origin: start.centre,
     };
-    let stride = (start.plate_px / (block_px as f32 * COARSE_ACROSS)).max(1.0) as usize;
-    let mut state = view.lit(start, stride)?;
-    let noise = f64::from(prior.noise / block_px as f32);
+    let (coarse, fine) = (view(COARSE_ACROSS), view(PLATE_BINNED_PX / 2.0));
+    let mut state = coarse.lit(start)?;
     let mut before = f32::INFINITY;
     for round in 0..ROUNDS_MAX {
-        let coarse = round == 0 && stride > 1;
-        let mut normal = view.normal(&state, if coarse { stride } else { 1 });
+        let last_view = round >= COARSE_ROUNDS || coarse.block_px == fine.block_px;
+        let view = if last_view { &fine } else { &coarse };
+        let block_px = view.block_px;
+        let noise = f64::from(prior.noise / block_px as f32);
+        let mut normal = view.normal(&state);
         if normal.n < UNKNOWNS as f32 + 3.0 {
             return None;
         }
@@ -176,7 +184,7 @@ pub fn fit_shape(
         if stuck || left > GIVE_UP[round.min(3)] {
             return None;
         }
-        before = left;
+        before = if last_view { left } else { f32::INFINITY };
         let add_prior = |normal: &mut Normal, i: usize, off: f32, sigma: f32| {
             let weight = variance / f64::from(sigma * sigma);
             normal.matrix[i][i] += weight;
@@ -206,29 +214,30 @@ pub fn fit_shape(
         if round == 0 && excess(normal.squares - taken) > GIVE_UP_PROMISED {
             return None;
         }
-        let small = !coarse
-            && step[X].abs() < 1e-3
-            && step[Y].abs() < 1e-3
-            && step[TURN].abs() < 1e-3 / f64::from(pose.plate_px)
-            && step[SIZE].abs() < 1e-3
-            && step[BLUR].abs() < 1e-2;
+        state.take(&step);
+        if !state.is_near(&start) {
+            return None;
+        }
+        let half_px = f64::from(pose.plate_px) / 2.0;
+        let moved_px = [step[X], step[Y], step[TURN] * half_px, step[SIZE] * half_px];
+        let small = last_view
+            && moved_px.iter().all(|moved| moved.abs() < LAST_STEP_PX)
+            && step[BLUR].abs() < LAST_STEP_BLUR;
         if small || round + 1 == ROUNDS_MAX {
+            let left = ((normal.squares - taken) / freedom).max(0.0);
+            let variance = left.max(noise * noise);
             let covariance =
                 [X, Y, TURN].map(|i| [X, Y, TURN].map(|k| (variance * inverse[i][k]) as f32));
             return Some(Fit {
                 pose: state.pose,
                 light: state.light,
                 contrast: state.light * state.share,
-                residual: libm::sqrt(normal.squares / freedom) as f32 * block_px as f32,
+                residual: libm::sqrt(left) as f32 * block_px as f32,
                 n: normal.n,
                 block_px,
                 covariance,
                 blur_ln_variance: (variance * inverse[BLUR][BLUR]) as f32,
             });
-        }
-        state.take(&step);
-        if !state.is_near(&start) {
-            return None;
         }
     }
     None
@@ -307,10 +316,10 @@ struct Sample {
 
 impl View<'_> {
     /// Light and contrast of least squares for a pose, without a slope. `None` when the shape is not darker than its plate.
-    fn lit(&self, pose: Pose, stride: usize) -> Option<State> {
+    fn lit(&self, pose: Pose) -> Option<State> {
         // Sums of 1, coverage, its square, grey, grey times coverage.
         let mut sums = [0.0f32; 5];
-        self.each_sample(&pose, stride, |sample| {
+        self.each_sample(&pose, |sample| {
             let Sample { weight, grey, .. } = sample;
             let t = sample.coverage[0];
             for (sum, moment) in sums.iter_mut().zip([1.0, t, t * t, grey, grey * t]) {
@@ -332,7 +341,7 @@ impl View<'_> {
         })
     }
 
-    fn normal(&self, state: &State, stride: usize) -> Normal {
+    fn normal(&self, state: &State) -> Normal {
         let Pose {
             centre,
             turn_rad,
@@ -340,6 +349,7 @@ impl View<'_> {
             blur_px,
         } = state.pose;
         let (sin, cos) = libm::sincosf(turn_rad);
+        let per_px = 1.0 / plate_px;
         let from_origin = [0, 1].map(|i| centre[i] - self.origin[i]);
         // The pixel's own part of the blur does not change.
         let lens_share = blur_px * blur_px / self.blur_variance(blur_px);
@@ -350,10 +360,10 @@ impl View<'_> {
             n: 0.0,
         };
         let mut batch = Batch::new();
-        self.each_sample(&state.pose, stride, |sample| {
+        self.each_sample(&state.pose, |sample| {
             let [t, tu, tv, tblur] = sample.coverage;
             let Sample { u, v, .. } = sample;
-            let slope = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) / plate_px);
+            let slope = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) * per_px);
             let light = state.light + state.slope[0] * slope[0] + state.slope[1] * slope[1];
             let bare = 1.0 - state.share * t;
             let dark = -light * state.share;
@@ -362,8 +372,8 @@ impl View<'_> {
                 slope[0] * bare,
                 slope[1] * bare,
                 -light * t,
-                dark * (sin * tv - cos * tu) / plate_px,
-                dark * (-sin * tu - cos * tv) / plate_px,
+                dark * (sin * tv - cos * tu) * per_px,
+                dark * (-sin * tu - cos * tv) * per_px,
                 dark * (tu * v - tv * u),
                 dark * (-tu * u - tv * v - tblur),
                 dark * tblur * lens_share,
@@ -390,9 +400,9 @@ impl View<'_> {
         blur_px * blur_px + PIXEL_VARIANCE * block * block
     }
 
-    /// Calls `found` with everything on the plate that counts, or with one of `stride` in each row and column.
+    /// Calls `found` with everything on the plate that counts.
     #[inline(always)]
-    fn each_sample(&self, pose: &Pose, stride: usize, mut found: impl FnMut(Sample)) {
+    fn each_sample(&self, pose: &Pose, mut found: impl FnMut(Sample)) {
         let &Pose {
             centre,
             turn_rad,
@@ -404,6 +414,7 @@ impl View<'_> {
         let spread_px = libm::sqrtf(self.blur_variance(blur_px));
         let blend = self.blend(spread_px / plate_px);
         let half_px = plate_px / 2.0 - BORDER_BLURS * spread_px;
+        let (per_block, per_px) = (1.0 / block, 1.0 / plate_px);
         // Columns and rows of blocks, the first centred on the pixel (block - 1) / 2.
         let reach = (half_px + 1.0).max(0.0) * (sin.abs() + cos.abs());
         let middle = (block - 1.0) / 2.0;
@@ -412,18 +423,24 @@ impl View<'_> {
             let to = ((centre + reach - middle) / block + 1.0).max(0.0) as usize;
             from..(to + 1).min(length / self.block_px).max(from)
         };
-        for row in span(centre[1], self.size.height).step_by(stride) {
+        for row in span(centre[1], self.size.height) {
             let dy = row as f32 * block + middle - centre[1];
-            for column in span(centre[0], self.size.width).step_by(stride) {
+            for column in span(centre[0], self.size.width) {
                 let dx = column as f32 * block + middle - centre[0];
                 let (along, across) = (cos * dx + sin * dy, cos * dy - sin * dx);
                 // Full weight from half a pixel inside of the limit on.
-                let inside = (half_px - along.abs()).min(half_px - across.abs()) / block + 0.5;
+                let (off_along, off_across) = (along.abs(), across.abs());
+                let off = if off_along > off_across {
+                    off_along
+                } else {
+                    off_across
+                };
+                let inside = (half_px - off) * per_block + 0.5;
                 if inside <= 0.0 {
                     continue;
                 }
-                let (u, v) = (along / plate_px, across / plate_px);
-                let Some(coverage) = self.coverage(u, v, &blend) else {
+                let (u, v) = (along * per_px, across * per_px);
+                let Some(coverage) = blend.coverage(u, v) else {
                     continue;
                 };
                 found(Sample {
@@ -456,58 +473,77 @@ impl View<'_> {
     }
 
     /// The layers on either side of a blur.
-    fn blend(&self, blur: f32) -> Blend {
+    fn blend(&self, blur: f32) -> Blend<'_> {
+        let Layers { samples, side, .. } = self.layers;
         let layers_per_ln = 1.0 / libm::logf(self.layers.blur_ratio);
         let layer = libm::logf(blur / self.layers.first_blur) * layers_per_ln;
         let layer = layer.clamp(0.0, (self.n_layers - 1) as f32);
         let below = (layer as usize).min(self.n_layers - 2);
+        let area = side * side;
+        let (sharp, softer) = samples[below * area..(below + 2) * area].split_at(area);
         Blend {
-            below,
+            sharp,
+            softer,
             share: layer - below as f32,
             layers_per_ln,
-        }
-    }
-
-    /// Coverage at a point of the plate, its derivatives along u and v and for the logarithm of the blur; `None` outside of
-    /// the grid.
-    fn coverage(&self, u: f32, v: f32, blend: &Blend) -> Option<[f32; 4]> {
-        let Layers {
-            samples,
             side,
-            per_plate,
-            ..
-        } = self.layers;
-        let middle = (side - 1) as f32 / 2.0;
-        let (x, y) = (u * per_plate + middle, v * per_plate + middle);
-        let last = (side - 1) as f32;
-        if !(x >= 0.0 && y >= 0.0 && x < last && y < last) {
-            return None;
+            per_plate: self.layers.per_plate,
+            middle: (side - 1) as f32 / 2.0,
         }
-        let (column, row) = (x as usize, y as usize);
-        let (x, y) = (x - column as f32, y - row as f32);
-        let at = |layer: usize| {
-            let first = (layer * side + row) * side + column;
-            let taps = &samples[first..first + side + 2];
-            let [left, right] = [0, 1].map(|i| -> [f32; 4] {
-                let [above, below] = [taps[i], taps[side + i]];
-                core::array::from_fn(|k| above[k] + y * (below[k] - above[k]))
-            });
-            let between: [f32; 4] = core::array::from_fn(|k| left[k] + x * (right[k] - left[k]));
-            between
-        };
-        let (sharp, soft) = (at(blend.below), at(blend.below + 1));
-        let mix = |i: usize| sharp[i] + blend.share * (soft[i] - sharp[i]);
-        let by_blur = (soft[0] - sharp[0]) * blend.layers_per_ln;
-        Some([mix(0), mix(1), mix(2), by_blur])
     }
 }
 
 /// Two neighbouring layers.
-struct Blend {
-    below: usize,
-    /// Of the layer above.
+struct Blend<'a> {
+    sharp: &'a [f32],
+    softer: &'a [f32],
+    /// Of the softer layer.
     share: f32,
     layers_per_ln: f32,
+    side: usize,
+    per_plate: f32,
+    middle: f32,
+}
+
+impl Blend<'_> {
+    /// Coverage at a point of the plate, its derivatives along u and v and for the logarithm of the blur; `None` outside of
+    /// the grid. Linear between the samples, and the derivatives are those of the planes that this makes.
+    #[inline(always)]
+    fn coverage(&self, u: f32, v: f32) -> Option<[f32; 4]> {
+        let (x, y) = (
+            u * self.per_plate + self.middle,
+            v * self.per_plate + self.middle,
+        );
+        // The cast rounds towards zero: what is left of the first column has been found by then.
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        let (column, row) = (x as u32 as usize, y as u32 as usize);
+        if column + 1 >= self.side || row + 1 >= self.side {
+            return None;
+        }
+        let (x, y) = (x - column as u32 as f32, y - row as u32 as f32);
+        let first = row * self.side + column;
+        let taps = |layer: &[f32]| {
+            let [above, below] = [first, first + self.side].map(|i| &layer[i..i + 2]);
+            [above[0], above[1], below[0], below[1]]
+        };
+        let (sharp, softer) = (taps(self.sharp), taps(self.softer));
+        let more: [f32; 4] = core::array::from_fn(|i| softer[i] - sharp[i]);
+        let mixed: [f32; 4] = core::array::from_fn(|i| sharp[i] + self.share * more[i]);
+        let [t, tu, tv] = between(mixed, x, y);
+        let [tblur, ..] = between(more, x, y);
+        let (tu, tv) = (tu * self.per_plate, tv * self.per_plate);
+        Some([t, tu, tv, tblur * self.layers_per_ln])
+    }
+}
+
+/// Value between four samples, and its slope in x and y.
+#[inline(always)]
+fn between([a, b, c, d]: [f32; 4], x: f32, y: f32) -> [f32; 3] {
+    let (above, below) = (a + x * (b - a), c + x * (d - c));
+    let across = (b - a) + y * ((d - c) - (b - a));
+    [above + y * (below - above), across, below - above]
 }
 
 /// Pixels whose products are summed at once.
@@ -656,23 +692,16 @@ mod tests {
             .sum::<f64>() as f32
     }
 
-    fn samples() -> Vec<[f32; 4]> {
-        let mut samples = Vec::new();
-        for layer in 0..LAYERS as i32 {
-            let blur = FIRST_BLUR * 2f32.sqrt().powi(layer);
-            let h = 1e-3;
-            for i in 0..SIDE * SIDE {
-                let at = |i: usize| (i as f32 - (SIDE / 2) as f32) / PER_PLATE;
-                let (u, v) = (at(i % SIDE), at(i / SIDE));
-                let along = (coverage(u + h, v, blur) - coverage(u - h, v, blur)) / (2.0 * h);
-                let across = (coverage(u, v + h, blur) - coverage(u, v - h, blur)) / (2.0 * h);
-                samples.push([coverage(u, v, blur), along, across, 0.0]);
-            }
-        }
-        samples
+    fn samples() -> Vec<f32> {
+        let at = |i: usize| (i as f32 - (SIDE / 2) as f32) / PER_PLATE;
+        let layer = |layer: usize| {
+            let blur = FIRST_BLUR * 2f32.powf(layer as f32 / 2.0);
+            (0..SIDE * SIDE).map(move |i| coverage(at(i % SIDE), at(i / SIDE), blur))
+        };
+        (0..LAYERS).flat_map(layer).collect()
     }
 
-    fn layers(samples: &[[f32; 4]]) -> Layers<'_> {
+    fn layers(samples: &[f32]) -> Layers<'_> {
         Layers {
             samples,
             side: SIDE,
@@ -740,7 +769,7 @@ mod tests {
             };
             let plane = picture(SIZE, &truth, || 0.0);
             let fit = fit_shape(&plane, SIZE, layers(&samples), near(&truth), &PRIOR)
-                .expect("a plate that is there");
+                .unwrap_or_else(|| panic!("{plate_px}: a plate that is there"));
             let off =
                 (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
             let turned = (fit.pose.turn_rad - truth.turn_rad).abs();

@@ -114,7 +114,7 @@ pub fn mean_3x3(plane: &[u8], size: Size, out: &mut [u8]) {
 const BRIGHTNESS: [f32; 3] = [0.299, 0.587, 0.114];
 
 /// Pixels that are asked for the noise of a frame, about.
-const ASKED: usize = 6000;
+const ASKED: usize = 3000;
 
 /// Standard deviation of a single frame's noise in brightness, grey levels.
 ///
