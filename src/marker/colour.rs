@@ -3,7 +3,7 @@
 //! The paper splits by intensity, which is one direction of colour space. A red marker on white is as bright as a shadow on it; along
 //! the line from white to red the two are far apart. Here that line is the main direction of the shape's chromaticities.
 
-use imgproc::{Bounds, Size};
+use imgproc::Bounds;
 
 use crate::frame::Picture;
 
@@ -135,7 +135,7 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use imgproc::Point;
+    use imgproc::{Point, Size};
 
     /// A row of pixels.
     fn projected(colours: &[[u8; 3]]) -> Option<Vec<u8>> {

@@ -2,7 +2,7 @@
 
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
-use fourier::matching::compare_both_ways;
+use fourier::matching::{compare_both_ways, least_distance};
 use fourier::wrapped;
 use imgproc::fit::{Fit, Pose, fit_shape};
 
@@ -208,12 +208,16 @@ impl Family {
     /// The markers that come nearest to a descriptor, each upright and upside down, in ascending order of distance.
     fn candidates(&self, descriptor: &Descriptor) -> [Option<Candidate<'_>>; CANDIDATES] {
         let mut nearest = [None::<Candidate<'_>>; CANDIDATES];
+        let magnitudes = descriptor.magnitudes();
         for (marker, of_marker) in self.markers.iter().enumerate() {
             let mut ways = [None::<Candidate<'_>>; 2];
             for sizes in &of_marker.references {
                 let Some(reference) = nearest_size(sizes, descriptor.size_px) else {
                     continue;
                 };
+                if least_distance(&magnitudes, &reference.magnitudes) > DISTANCE_MAX {
+                    continue;
+                }
                 let both = compare_both_ways(descriptor, &reference.descriptor);
                 for (way, found) in ways.iter_mut().zip(both) {
                     if way.is_none_or(|way| found.distance < way.distance) {

@@ -31,6 +31,8 @@ pub(crate) const ORIENTATION_MIN: f32 = 0.05;
 #[derive(Debug, Clone)]
 pub(crate) struct Reference {
     pub(crate) descriptor: Descriptor,
+    /// Of the descriptor.
+    pub(crate) magnitudes: [f32; N],
     /// Side of the plate over the descriptor's size.
     pub(crate) plate_per_size: f32,
     /// From the figure's centre of area to the plate's centre, in units of the descriptor's size.
@@ -89,6 +91,7 @@ impl Reference {
         };
         Ok(Self {
             descriptor,
+            magnitudes: descriptor.magnitudes(),
             plate_per_size: plate_px / size,
             centre_from_figure: centre.map(|c| c / n / size),
         })

@@ -37,6 +37,15 @@ pub struct Descriptor {
     pub orientation_rad: f32,
 }
 
+impl Descriptor {
+    /// Absolute values of the coefficients.
+    #[must_use]
+    pub fn magnitudes(&self) -> [f32; N] {
+        self.coefficients
+            .map(|coefficient| libm::sqrtf(coefficient.norm_sqr()))
+    }
+}
+
 /// Why a contour has no descriptor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NoDescriptor {

@@ -73,6 +73,13 @@ fn compare_one_way(descriptor: &Descriptor, reference: &Descriptor, half_turn: b
     }
 }
 
+/// A distance that no turn and no shift of the start point undercuts, from the [magnitudes](Descriptor::magnitudes) of two
+/// descriptors: both change phases only.
+#[must_use]
+pub fn least_distance(a: &[f32; N], b: &[f32; N]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
 /// Mean square distance of the points of two normalised contours, and the same with the second one turned by 180 degrees.
 #[must_use]
 pub fn distances(a: &Descriptor, b: &Descriptor) -> [f32; 2] {
@@ -201,6 +208,21 @@ mod tests {
                 let mean = squares.sum::<f32>() / N as f32;
                 prop_assert!((distances(&a, &b)[i] - mean).abs() < 1e-4);
             }
+        }
+
+        #[test]
+        fn no_distance_is_less_than_the_least(
+            points in proptest::collection::vec((0f32..90.0, 0f32..90.0), 3..9),
+        ) {
+            let points: std::vec::Vec<[f32; 2]> = points.into_iter().map(|(x, y)| [x, y]).collect();
+            let Ok(a) = describe(&resample(&points), 0.05) else { return Ok(()) };
+            for b in [triangle(), half_disc(1.0, 20.0)] {
+                let least = least_distance(&a.magnitudes(), &b.magnitudes());
+                for found in compare_both_ways(&a, &b) {
+                    prop_assert!(found.distance >= least - 1e-4 * (1.0 + least));
+                }
+            }
+            prop_assert!(least_distance(&a.magnitudes(), &a.magnitudes()) < 1e-9);
         }
     }
 }
