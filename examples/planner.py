@@ -33,6 +33,7 @@ class Object(ctypes.Structure):
         ("vx", f64),
         ("vy", f64),
         ("size", f64),
+        ("confidence", f64),
         ("covariance", f64 * 3 * 3),
         ("marker", ctypes.c_char * 32),
         ("kind", u32),
@@ -60,7 +61,7 @@ class Scene(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "overcam.Scene.v2"
+        return "overcam.Scene.v3"
 
 
 def print_robots(scene):

@@ -255,6 +255,16 @@ impl FloorPoint {
         (y.atan2(x), growth)
     }
 
+    /// Covariance on the floor of position and heading with this one in the picture: x with heading, y with heading.
+    #[must_use]
+    pub fn covariance_with_heading(&self, heading_rad: f64, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [[a, b], [c, d]] = self.jacobian;
+        let (_, growth) = self.heading(heading_rad);
+        // On a floor whose y axis points up in the picture, headings grow the other way round.
+        let growth = growth.copysign(a * d - b * c);
+        [growth * (a * x + b * y), growth * (c * x + d * y)]
+    }
+
     /// Covariance on the floor of a position with this covariance in the picture.
     #[must_use]
     pub fn covariance(&self, covariance_px2: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
@@ -390,6 +400,12 @@ mod tests {
         assert!((floor.metres_per_px() - 0.01).abs() < 1e-9);
         let [[xx, xy], [_, yy]] = floor.covariance([[4.0, 0.0], [0.0, 4.0]]);
         assert!((xx - 4e-4).abs() < 1e-9 && (yy - 4e-4).abs() < 1e-9 && xy.abs() < 1e-9);
+        // What turns clockwise in the picture turns clockwise on the floor, where that is negative.
+        let [x, y] = floor.covariance_with_heading(1.0, [0.2, 0.1]);
+        assert!(
+            (x + 0.002).abs() < 1e-9 && (y - 0.001).abs() < 1e-9,
+            "{x} {y}"
+        );
     }
 
     #[test]

@@ -1,13 +1,14 @@
 //! A scene as one line of JSON, for people, pipes and scripts.
 //!
 //! The keys are those of the README and never change their meaning; new ones may come. `heading` is left out where an object
-//! has none, `marker` where it is an obstacle, `overflow` where nothing was left out of the scene. The covariance is that of
-//! (x, y, heading) for an object with a heading and that of (x, y) for one without.
+//! has none, `marker` where it is an obstacle, `confidence` where no marker was read in this frame, `overflow` where nothing was
+//! left out of the scene. The covariance is that of (x, y, heading) for an object with a heading and that of (x, y) for one
+//! without.
 //!
 //! Numbers are rounded to a resolution that is finer than anything the camera can tell, so that lines stay short and
 //! equal scenes give equal bytes: lengths, velocities and sizes to 1e-4 px or 1e-6 m, angles to 1e-6 rad, times to 1e-6 s,
-//! covariances to six significant digits. There is no negative zero. JSON knows no number that is not finite: such a value,
-//! which no stage of the program may produce, appears as `null`.
+//! confidences to 1e-4, covariances to six significant digits. There is no negative zero. JSON knows no number that is not finite:
+//! such a value, which no stage of the program may produce, appears as `null`.
 //!
 //! Deliberately absent: [`Scene::published_ns`], which differs from run to run, so that the same recording gives the same
 //! lines whether they come from the program itself or out of shared memory.
@@ -22,6 +23,8 @@ use serde::ser::{SerializeMap, SerializeSeq, Serializer};
 const PER_RADIAN: f64 = 1e6;
 /// Steps of a time in one second.
 const PER_SECOND: f64 = 1e6;
+/// And of shares.
+const PER_ONE: f64 = 1e4;
 
 /// Writes `scene` and a line feed to `out`, in many small pieces: give it a buffer.
 ///
@@ -97,6 +100,9 @@ impl Serialize for ObjectJson<'_> {
         map.serialize_entry("vx", &length(object.vx))?;
         map.serialize_entry("vy", &length(object.vy))?;
         map.serialize_entry("observed", &object.observed())?;
+        if object.confidence > 0.0 {
+            map.serialize_entry("confidence", &rounded(object.confidence, PER_ONE))?;
+        }
         match object.heading() {
             Some(_) => map.serialize_entry("covariance", &significant(&object.covariance))?,
             None => {
@@ -215,6 +221,7 @@ mod tests {
         (robot.x, robot.y) = (101.520_04, 88.069_96);
         robot.heading_rad = std::f64::consts::FRAC_PI_2;
         robot.size = 24.1;
+        robot.confidence = 0.987_654;
         (robot.vx, robot.vy) = (-0.000_04, -31.2);
         robot.covariance = [
             [0.012_345_678, -1e-20, 0.0],
@@ -252,7 +259,7 @@ mod tests {
         let expected = concat!(
             r#"{"sequence":17,"stamp_ns":1133333333,"frame":"image","light":"steady","gain":[1.0,1.0,1.0],"objects":["#,
             r#"{"track":3,"kind":"marker","marker":"arrow","x":101.52,"y":88.07,"heading":1.570796,"size":24.1,"#,
-            r#""vx":0.0,"vy":-31.2,"observed":true,"#,
+            r#""vx":0.0,"vy":-31.2,"observed":true,"confidence":0.9877,"#,
             r#""covariance":[[0.0123457,0.0,0.0],[0.0,1234.57,0.5],[0.0,0.5,3.14159e-7]],"#,
             r#""outline":[[90.0,80.25],[112.0,80.25]],"#,
             r#""forecast":[{"dt":0.066667,"x":101.52,"y":85.99,"covariance":[[0.02,0.0],[0.0,0.02]]},"#,

@@ -347,6 +347,11 @@ fn report(
         object.heading_rad = heading.rad;
         object.covariance[2][2] = heading.variance;
     }
+    if track.pose_observed()
+        && let Some(detection) = detection
+    {
+        add_reading(detection, calibration, &mut object);
+    }
     if let Some(detection) = detection {
         let metres = |c: &Calibration| {
             on_floor(c, detection.centre).map_or(0.0, |floor| floor.metres_per_px())
@@ -370,6 +375,24 @@ fn report(
         object.n_forecast += 1;
     }
     object
+}
+
+/// Adds what was found when the marker was read: how sure that is, and how errors of position and heading hang together.
+fn add_reading(detection: &Detection, calibration: Option<&Calibration>, object: &mut Object) {
+    let Some(marker) = detection.marker else {
+        return;
+    };
+    object.confidence = f64::from(marker.confidence);
+    let in_picture = [0, 1].map(|i| f64::from(marker.covariance[i][2]));
+    let with_heading = match calibration {
+        Some(calibration) => on_floor(calibration, detection.centre)
+            .map(|floor| floor.covariance_with_heading(f64::from(marker.heading_rad), in_picture)),
+        None => Some(in_picture),
+    };
+    for (i, covariance) in with_heading.unwrap_or_default().into_iter().enumerate() {
+        object.covariance[i][2] = covariance;
+        object.covariance[2][i] = covariance;
+    }
 }
 
 /// Copies the outline, onto the floor where there is a calibration; corners beyond the horizon are left out.

@@ -83,6 +83,15 @@ fn the_demo_floor_is_found_as_it_is() {
             }
         }
         for object in scene.objects() {
+            // Of a clean print nearly everything is explained; an obstacle is not sure to be anything.
+            match object.marker_name().filter(|_| object.observed()) {
+                Some(name) => assert!(
+                    (0.95..=1.0).contains(&object.confidence),
+                    "{name}: {}",
+                    object.confidence
+                ),
+                None => assert_eq!(object.confidence, 0.0),
+            }
             let is_real = |real: &Truth| {
                 real.marker == object.marker_name()
                     && (object.x - real.x).hypot(object.y - real.y) < real.radius_px

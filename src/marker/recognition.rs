@@ -69,6 +69,8 @@ pub struct Recognised {
     pub heading_rad: f32,
     /// Side of the plate, pixels.
     pub plate_px: f32,
+    /// Share of the plate's variation that the marker explains, 0 to 1.
+    pub confidence: f32,
     /// Covariance of x, y (pixels) and heading (radians).
     pub covariance: [[f32; 3]; 3],
     /// Logarithm of the camera's blur and its variance, where the marker shows it.
@@ -144,6 +146,7 @@ impl Family {
                 // The drawing points up, against the y axis.
                 heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
                 plate_px: fit.pose.plate_px,
+                confidence: fit.explained,
                 covariance: fit.covariance,
                 blur: optics.blur_of(&fit),
             })

@@ -120,6 +120,8 @@ pub struct Fit {
     pub contrast: f32,
     /// Root of the mean square of what is left, grey levels of a single pixel.
     pub residual: f32,
+    /// Share of the pixels' (or blocks') variation that the shape explains, the rest being noise and what is different: 0 to 1.
+    pub explained: f32,
     /// Pixels, or blocks of them, that counted.
     pub n: f32,
     /// Pixels of a block's side: 1 where every pixel counted by itself.
@@ -163,7 +165,7 @@ pub fn fit_shape(
         origin: start.centre,
     };
     let (coarse, fine) = (view(COARSE_ACROSS), view(PLATE_BINNED_PX / 2.0));
-    let mut state = coarse.lit(start)?;
+    let (mut state, coverage_variance) = coarse.lit(start)?;
     let mut before = f32::INFINITY;
     for round in 0..ROUNDS_MAX {
         let last_view = round >= COARSE_ROUNDS || coarse.block_px == fine.block_px;
@@ -228,11 +230,14 @@ pub fn fit_shape(
             let variance = left.max(noise * noise);
             let covariance =
                 [X, Y, TURN].map(|i| [X, Y, TURN].map(|k| (variance * inverse[i][k]) as f32));
+            let contrast = state.light * state.share;
+            let shown = f64::from(contrast * contrast) * coverage_variance;
             return Some(Fit {
                 pose: state.pose,
                 light: state.light,
-                contrast: state.light * state.share,
+                contrast,
                 residual: libm::sqrt(left) as f32 * block_px as f32,
+                explained: (shown / (shown + left)) as f32,
                 n: normal.n,
                 block_px,
                 covariance,
@@ -315,8 +320,9 @@ struct Sample {
 }
 
 impl View<'_> {
-    /// Light and contrast of least squares for a pose, without a slope. `None` when the shape is not darker than its plate.
-    fn lit(&self, pose: Pose) -> Option<State> {
+    /// Light and contrast of least squares for a pose, without a slope, and the variance of the coverage. `None` when the shape
+    /// is not darker than its plate.
+    fn lit(&self, pose: Pose) -> Option<(State, f64)> {
         // Sums of 1, coverage, its square, grey, grey times coverage.
         let mut sums = [0.0f32; 5];
         self.each_sample(&pose, |sample| {
@@ -333,12 +339,13 @@ impl View<'_> {
         }
         let light = (g * tt - gt * t) / determinant;
         let dark = (g * t - n * gt) / determinant;
-        (light > 1.0 && dark > 0.05 * light).then(|| State {
+        let state = State {
             light: light as f32,
             slope: [0.0; 2],
             share: (dark / light) as f32,
             pose,
-        })
+        };
+        (light > 1.0 && dark > 0.05 * light).then_some((state, determinant / (n * n)))
     }
 
     fn normal(&self, state: &State) -> Normal {
@@ -783,6 +790,7 @@ mod tests {
                 "{plate_px}: {}",
                 fit.pose.blur_px
             );
+            assert!(fit.explained > 0.99, "{plate_px}: {}", fit.explained);
             assert!((fit.light - 200.0).abs() < 2.0 && (fit.contrast - 160.0).abs() < 3.0);
             assert!(
                 fit.residual < 4.0 * fit.block_px as f32,
@@ -807,6 +815,8 @@ mod tests {
                 .sum::<f32>()
         };
         let (mut squares, n) = ([0.0; 3], 300);
+        // Products of the errors of place and turn, and what is expected of them, both times the latter.
+        let (mut products, mut expected) = (0.0, 0.0);
         for i in 0..n {
             let truth = Pose {
                 centre: [30.0 + normal(), 31.0 + normal()],
@@ -833,11 +843,17 @@ mod tests {
             for (i, sum) in squares.iter_mut().enumerate() {
                 *sum += error[i] * error[i] / fit.covariance[i][i] / n as f32;
             }
+            for (error_px, [.., with_turn]) in error.into_iter().zip(fit.covariance).take(2) {
+                products += error_px * error[2] * with_turn;
+                expected += with_turn * with_turn;
+            }
         }
         // Of 300 errors the mean square is right to 8 %: five times that.
         for square in squares {
             assert!((0.6..1.4).contains(&square), "{squares:?}");
         }
+        let together = products / expected;
+        assert!((0.5..1.5).contains(&together), "{together}");
     }
 
     #[test]

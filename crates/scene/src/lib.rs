@@ -70,7 +70,7 @@ pub const HAS_HEADING: u32 = 2;
 /// Everything known about the floor at the moment one frame was exposed.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("overcam.Scene.v2")]
+#[type_name("overcam.Scene.v3")]
 pub struct Scene {
     /// Number of the frame in its source, from 0; frames that were dropped, passed over or used for learning count too.
     pub sequence: u64,
@@ -97,7 +97,7 @@ pub struct Scene {
 /// One thing on the floor.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("overcam.Object.v1")]
+#[type_name("overcam.Object.v2")]
 pub struct Object {
     /// Number of the track: the same thing keeps it from frame to frame, and it is never given twice in a run.
     pub track: u64,
@@ -113,6 +113,9 @@ pub struct Object {
     pub vy: f64,
     /// Marker: side of the plate. Obstacle: square root of the outline's area.
     pub size: f64,
+    /// How well the marker that was read explains the pixels of its plate: share of their variation, 0 to 1, less with noise, low
+    /// contrast, and whatever does not belong there. 0 where no marker was read in this frame.
+    pub confidence: f64,
     /// Covariance of (x, y, heading), row by row; the heading's row and column are zero without [`HAS_HEADING`].
     pub covariance: [[f64; 3]; 3],
     /// Name of the marker; all zero for an obstacle. See [`Object::marker_name`].
@@ -191,6 +194,7 @@ impl Object {
         vx: 0.0,
         vy: 0.0,
         size: 0.0,
+        confidence: 0.0,
         covariance: [[0.0; 3]; 3],
         marker: [0; NAME_BYTES],
         kind: KIND_OBSTACLE,
@@ -252,7 +256,7 @@ const _: () = {
     assert!(core::mem::size_of::<ForecastPoint>() == 56);
     assert!(
         core::mem::size_of::<Object>()
-            == 8 * 16 + NAME_BYTES + 16 + 16 * MAX_OUTLINE + 56 * MAX_FORECAST
+            == 8 * 17 + NAME_BYTES + 16 + 16 * MAX_OUTLINE + 56 * MAX_FORECAST
     );
     assert!(core::mem::size_of::<Scene>() == 56 + MAX_OBJECTS * core::mem::size_of::<Object>());
 };
