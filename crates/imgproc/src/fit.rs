@@ -15,22 +15,22 @@
 //! # Range
 //!
 //! The fit starts from a pose that is right to within about a pixel, 3 degrees and a twentieth of the size, as the descriptor
-//! of the contour gives it: from farther away it is taken for something else and given up. Only pixels inside the plate count, those less than two blurs from its border not: what is beside the plate
-//! is unknown. Plates of more than [`PLATE_BINNED_PX`] are fitted to the means of square blocks of pixels.
+//! of the contour gives it: from farther away it is taken for something else and given up. Only pixels inside the plate
+//! count, those less than two blurs from its border not: what is beside the plate is unknown. Plates of more than [`PLATE_BINNED_PX`] are fitted to the means of square blocks of pixels.
 //!
 //! Cost: a round for light and contrast and two for the pose with some 200 blocks of pixels, which show most of what is something
 //! else, then one to three with all of them, about 200 operations each.
 
 use crate::{Size, assert_len};
 
-/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and blur.
-const UNKNOWNS: usize = 9;
-const CONTRAST: usize = 3;
-const X: usize = 4;
-const Y: usize = 5;
-const TURN: usize = 6;
-const SIZE: usize = 7;
-const BLUR: usize = 8;
+use equations::{BLUR, SIZE, Solution, TURN, UNKNOWNS, X, Y};
+use view::View;
+
+pub use layers::Layers;
+
+mod equations;
+mod layers;
+mod view;
 
 /// Rounds at most, besides that for the light; most fits end after two or three.
 const ROUNDS_MAX: usize = 7;
@@ -60,27 +60,6 @@ const COARSE_ROUNDS: usize = 2;
 
 /// From this plate on, pixels are taken together in blocks, so that a plate is never more than twice as many blocks across.
 pub const PLATE_BINNED_PX: f32 = 80.0;
-
-/// Pixels nearer to the plate's border than so many blurs do not count.
-const BORDER_BLURS: f32 = 1.8;
-
-/// Variance of where in its pixel light arrives.
-const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
-
-/// A shape's picture at several blurs. Each layer is a square grid of samples over the plate and what is around it.
-#[derive(Debug, Clone, Copy)]
-pub struct Layers<'a> {
-    /// Layer after layer, row after row: coverage by the shape, 0 to 1.
-    pub samples: &'a [f32],
-    /// Samples in a row, and rows.
-    pub side: usize,
-    /// Samples over the side of the plate, whose centre is in the middle of the grid.
-    pub per_plate: f32,
-    /// Standard deviation of the first layer's blur, in units of the plate's side.
-    pub first_blur: f32,
-    /// Blur of a layer over that of the one before.
-    pub blur_ratio: f32,
-}
 
 /// Where a plate is, and how sharp. The plane's pixels, x right, y down; turns from +x towards +y.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,18 +128,10 @@ pub fn fit_shape(
     prior: &Prior,
 ) -> Option<Fit> {
     assert_len("plane", plane.len(), size);
-    let n_layers = layers.samples.len() / (layers.side * layers.side);
-    assert!(
-        n_layers >= 2 && layers.samples.len() == n_layers * layers.side * layers.side,
-        "the layers hold {} samples, not two or more times {} x {0}",
-        layers.samples.len(),
-        layers.side
-    );
     let view = |blocks_across: f32| View {
         plane,
         size,
         layers,
-        n_layers,
         block_px: (start.plate_px / blocks_across).max(1.0) as usize,
         origin: start.centre,
     };
@@ -173,10 +144,11 @@ pub fn fit_shape(
         let block_px = view.block_px;
         let noise = f64::from(prior.noise / block_px as f32);
         let mut normal = view.normal(&state);
-        if normal.n < UNKNOWNS as f32 + 3.0 {
+        let n = normal.n;
+        if n < UNKNOWNS as f32 + 3.0 {
             return None;
         }
-        let freedom = f64::from(normal.n) - UNKNOWNS as f64;
+        let freedom = f64::from(n) - UNKNOWNS as f64;
         let variance = (normal.squares / freedom).max(noise * noise);
         let misfit = prior.misfit_max * state.light * state.share;
         let allowed = libm::hypot(noise, f64::from(misfit));
@@ -187,33 +159,21 @@ pub fn fit_shape(
             return None;
         }
         before = if last_view { left } else { f32::INFINITY };
-        let add_prior = |normal: &mut Normal, i: usize, off: f32, sigma: f32| {
-            let weight = variance / f64::from(sigma * sigma);
-            normal.matrix[i][i] += weight;
-            normal.right[i] -= weight * f64::from(off);
-        };
-        let ln = |a: f32, b: f32| libm::logf(a / b);
         let pose = state.pose;
-        add_prior(
-            &mut normal,
-            BLUR,
-            ln(pose.blur_px, start.blur_px),
-            prior.blur_ln_sigma,
-        );
-        add_prior(
-            &mut normal,
-            SIZE,
-            ln(pose.plate_px, start.plate_px),
-            prior.plate_ln_sigma,
-        );
-        let inverse = inverse(&normal.matrix)?;
-        let step: [f64; UNKNOWNS] = core::array::from_fn(|i| {
-            (0..UNKNOWNS)
-                .map(|k| inverse[i][k] * normal.right[k])
-                .sum::<f64>()
-        });
-        let taken: f64 = (0..UNKNOWNS).map(|i| step[i] * normal.right[i]).sum();
-        if round == 0 && excess(normal.squares - taken) > GIVE_UP_PROMISED {
+        for (unknown, now, start, sigma) in [
+            (BLUR, pose.blur_px, start.blur_px, prior.blur_ln_sigma),
+            (SIZE, pose.plate_px, start.plate_px, prior.plate_ln_sigma),
+        ] {
+            let off = libm::logf(now / start);
+            normal.expect(unknown, off, variance / f64::from(sigma * sigma));
+        }
+        let squares = normal.squares;
+        let Solution {
+            step,
+            taken,
+            inverse,
+        } = normal.solve()?;
+        if round == 0 && excess(squares - taken) > GIVE_UP_PROMISED {
             return None;
         }
         state.take(&step);
@@ -226,7 +186,7 @@ pub fn fit_shape(
             && moved_px.iter().all(|moved| moved.abs() < LAST_STEP_PX)
             && step[BLUR].abs() < LAST_STEP_BLUR;
         if small || round + 1 == ROUNDS_MAX {
-            let left = ((normal.squares - taken) / freedom).max(0.0);
+            let left = ((squares - taken) / freedom).max(0.0);
             let variance = left.max(noise * noise);
             let covariance =
                 [X, Y, TURN].map(|i| [X, Y, TURN].map(|k| (variance * inverse[i][k]) as f32));
@@ -238,7 +198,7 @@ pub fn fit_shape(
                 contrast,
                 residual: libm::sqrt(left) as f32 * block_px as f32,
                 explained: (shown / (shown + left)) as f32,
-                n: normal.n,
+                n,
                 block_px,
                 covariance,
                 blur_ln_variance: (variance * inverse[BLUR][BLUR]) as f32,
@@ -248,422 +208,9 @@ pub fn fit_shape(
     None
 }
 
-/// The unknowns.
-#[derive(Debug, Clone, Copy)]
-struct State {
-    light: f32,
-    /// Per plate side.
-    slope: [f32; 2],
-    /// Of the light that the shape does not send back.
-    share: f32,
-    pose: Pose,
-}
-
-impl State {
-    fn take(&mut self, step: &[f64; UNKNOWNS]) {
-        let step = step.map(|s| s as f32);
-        let pose = &mut self.pose;
-        let reach = (0.15 * pose.plate_px).min(2.0);
-        self.light += step[0];
-        self.slope[0] += step[1];
-        self.slope[1] += step[2];
-        self.share = (self.share + step[CONTRAST]).clamp(0.02, 1.2);
-        pose.centre[0] += step[X].clamp(-reach, reach);
-        pose.centre[1] += step[Y].clamp(-reach, reach);
-        pose.turn_rad += step[TURN].clamp(-0.3, 0.3);
-        pose.plate_px *= libm::expf(step[SIZE].clamp(-0.15, 0.15));
-        pose.blur_px *= libm::expf(step[BLUR].clamp(-0.4, 0.4));
-    }
-
-    fn is_near(&self, start: &Pose) -> bool {
-        let pose = &self.pose;
-        let reach = 1.0 + 0.15 * start.plate_px;
-        (pose.centre[0] - start.centre[0]).abs() < reach
-            && (pose.centre[1] - start.centre[1]).abs() < reach
-            && (pose.turn_rad - start.turn_rad).abs() < 0.8
-            && (0.6..1.7).contains(&(pose.plate_px / start.plate_px))
-            && (0.02..12.0).contains(&pose.blur_px)
-    }
-}
-
-/// Normal equations of one round.
-struct Normal {
-    matrix: [[f64; UNKNOWNS]; UNKNOWNS],
-    right: [f64; UNKNOWNS],
-    squares: f64,
-    n: f32,
-}
-
-/// What is looked at.
-struct View<'a> {
-    plane: &'a [u8],
-    size: Size,
-    layers: Layers<'a>,
-    n_layers: usize,
-    block_px: usize,
-    /// Where the slope of the light is zero.
-    origin: [f32; 2],
-}
-
-/// One pixel, or block of pixels, of a plate.
-struct Sample {
-    /// 1, less at the border of what counts.
-    weight: f32,
-    grey: f32,
-    /// From the plate's centre, pixels.
-    from_centre: [f32; 2],
-    /// The same in the plate's own axes, in units of its side.
-    u: f32,
-    v: f32,
-    /// Coverage, its derivatives along u and v and for the logarithm of the blur.
-    coverage: [f32; 4],
-}
-
-impl View<'_> {
-    /// Light and contrast of least squares for a pose, without a slope, and the variance of the coverage. `None` when the shape
-    /// is not darker than its plate.
-    fn lit(&self, pose: Pose) -> Option<(State, f64)> {
-        // Sums of 1, coverage, its square, grey, grey times coverage.
-        let mut sums = [0.0f32; 5];
-        self.each_sample(&pose, |sample| {
-            let Sample { weight, grey, .. } = sample;
-            let t = sample.coverage[0];
-            for (sum, moment) in sums.iter_mut().zip([1.0, t, t * t, grey, grey * t]) {
-                *sum += weight * moment;
-            }
-        });
-        let [n, t, tt, g, gt] = sums.map(f64::from);
-        let determinant = n * tt - t * t;
-        if n < UNKNOWNS as f64 || determinant < 1e-3 * n * n {
-            return None;
-        }
-        let light = (g * tt - gt * t) / determinant;
-        let dark = (g * t - n * gt) / determinant;
-        let state = State {
-            light: light as f32,
-            slope: [0.0; 2],
-            share: (dark / light) as f32,
-            pose,
-        };
-        (light > 1.0 && dark > 0.05 * light).then_some((state, determinant / (n * n)))
-    }
-
-    fn normal(&self, state: &State) -> Normal {
-        let Pose {
-            centre,
-            turn_rad,
-            plate_px,
-            blur_px,
-        } = state.pose;
-        let (sin, cos) = libm::sincosf(turn_rad);
-        let per_px = 1.0 / plate_px;
-        let from_origin = [0, 1].map(|i| centre[i] - self.origin[i]);
-        // The pixel's own part of the blur does not change.
-        let lens_share = blur_px * blur_px / self.blur_variance(blur_px);
-        let mut normal = Normal {
-            matrix: [[0.0; UNKNOWNS]; UNKNOWNS],
-            right: [0.0; UNKNOWNS],
-            squares: 0.0,
-            n: 0.0,
-        };
-        let mut batch = Batch::new();
-        self.each_sample(&state.pose, |sample| {
-            let [t, tu, tv, tblur] = sample.coverage;
-            let Sample { u, v, .. } = sample;
-            let slope = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) * per_px);
-            let light = state.light + state.slope[0] * slope[0] + state.slope[1] * slope[1];
-            let bare = 1.0 - state.share * t;
-            let dark = -light * state.share;
-            let derivatives = [
-                bare,
-                slope[0] * bare,
-                slope[1] * bare,
-                -light * t,
-                dark * (sin * tv - cos * tu) * per_px,
-                dark * (-sin * tu - cos * tv) * per_px,
-                dark * (tu * v - tv * u),
-                dark * (-tu * u - tv * v - tblur),
-                dark * tblur * lens_share,
-            ];
-            batch.push(
-                sample.weight,
-                derivatives,
-                sample.grey - light * bare,
-                &mut normal,
-            );
-        });
-        batch.add_to(&mut normal);
-        for i in 0..UNKNOWNS {
-            for k in 0..i {
-                normal.matrix[i][k] = normal.matrix[k][i];
-            }
-        }
-        normal
-    }
-
-    /// Variance of all that blurs a sample.
-    fn blur_variance(&self, blur_px: f32) -> f32 {
-        let block = self.block_px as f32;
-        blur_px * blur_px + PIXEL_VARIANCE * block * block
-    }
-
-    /// Calls `found` with everything on the plate that counts.
-    #[inline(always)]
-    fn each_sample(&self, pose: &Pose, mut found: impl FnMut(Sample)) {
-        let &Pose {
-            centre,
-            turn_rad,
-            plate_px,
-            blur_px,
-        } = pose;
-        let (sin, cos) = libm::sincosf(turn_rad);
-        let block = self.block_px as f32;
-        let spread_px = libm::sqrtf(self.blur_variance(blur_px));
-        let blend = self.blend(spread_px / plate_px);
-        let half_px = plate_px / 2.0 - BORDER_BLURS * spread_px;
-        let (per_block, per_px) = (1.0 / block, 1.0 / plate_px);
-        // Columns and rows of blocks, the first centred on the pixel (block - 1) / 2.
-        let reach = (half_px + 1.0).max(0.0) * (sin.abs() + cos.abs());
-        let middle = (block - 1.0) / 2.0;
-        let span = |centre: f32, length: usize| {
-            let from = ((centre - reach - middle) / block).max(0.0) as usize;
-            let to = ((centre + reach - middle) / block + 1.0).max(0.0) as usize;
-            from..(to + 1).min(length / self.block_px).max(from)
-        };
-        for row in span(centre[1], self.size.height) {
-            let dy = row as f32 * block + middle - centre[1];
-            for column in span(centre[0], self.size.width) {
-                let dx = column as f32 * block + middle - centre[0];
-                let (along, across) = (cos * dx + sin * dy, cos * dy - sin * dx);
-                // Full weight from half a pixel inside of the limit on.
-                let (off_along, off_across) = (along.abs(), across.abs());
-                let off = if off_along > off_across {
-                    off_along
-                } else {
-                    off_across
-                };
-                let inside = (half_px - off) * per_block + 0.5;
-                if inside <= 0.0 {
-                    continue;
-                }
-                let (u, v) = (along * per_px, across * per_px);
-                let Some(coverage) = blend.coverage(u, v) else {
-                    continue;
-                };
-                found(Sample {
-                    weight: inside.min(1.0),
-                    grey: self.grey(column, row),
-                    from_centre: [dx, dy],
-                    u,
-                    v,
-                    coverage,
-                });
-            }
-        }
-    }
-
-    /// Mean of a block's pixels.
-    fn grey(&self, column: usize, row: usize) -> f32 {
-        let n = self.block_px;
-        if n == 1 {
-            return f32::from(self.plane[row * self.size.width + column]);
-        }
-        let mut sum = 0;
-        for y in row * n..(row + 1) * n {
-            let start = y * self.size.width + column * n;
-            sum += self.plane[start..start + n]
-                .iter()
-                .map(|&grey| u32::from(grey))
-                .sum::<u32>();
-        }
-        sum as f32 / (n * n) as f32
-    }
-
-    /// The layers on either side of a blur.
-    fn blend(&self, blur: f32) -> Blend<'_> {
-        let Layers { samples, side, .. } = self.layers;
-        let layers_per_ln = 1.0 / libm::logf(self.layers.blur_ratio);
-        let layer = libm::logf(blur / self.layers.first_blur) * layers_per_ln;
-        let layer = layer.clamp(0.0, (self.n_layers - 1) as f32);
-        let below = (layer as usize).min(self.n_layers - 2);
-        let area = side * side;
-        let (sharp, softer) = samples[below * area..(below + 2) * area].split_at(area);
-        Blend {
-            sharp,
-            softer,
-            share: layer - below as f32,
-            layers_per_ln,
-            side,
-            per_plate: self.layers.per_plate,
-            middle: (side - 1) as f32 / 2.0,
-        }
-    }
-}
-
-/// Two neighbouring layers.
-struct Blend<'a> {
-    sharp: &'a [f32],
-    softer: &'a [f32],
-    /// Of the softer layer.
-    share: f32,
-    layers_per_ln: f32,
-    side: usize,
-    per_plate: f32,
-    middle: f32,
-}
-
-impl Blend<'_> {
-    /// Coverage at a point of the plate, its derivatives along u and v and for the logarithm of the blur; `None` outside of
-    /// the grid. Linear between the samples, and the derivatives are those of the planes that this makes.
-    #[inline(always)]
-    fn coverage(&self, u: f32, v: f32) -> Option<[f32; 4]> {
-        let (x, y) = (
-            u * self.per_plate + self.middle,
-            v * self.per_plate + self.middle,
-        );
-        // The cast rounds towards zero: what is left of the first column has been found by then.
-        if !(x >= 0.0 && y >= 0.0) {
-            return None;
-        }
-        let (column, row) = (x as u32 as usize, y as u32 as usize);
-        if column + 1 >= self.side || row + 1 >= self.side {
-            return None;
-        }
-        let (x, y) = (x - column as u32 as f32, y - row as u32 as f32);
-        let first = row * self.side + column;
-        let taps = |layer: &[f32]| {
-            let [above, below] = [first, first + self.side].map(|i| &layer[i..i + 2]);
-            [above[0], above[1], below[0], below[1]]
-        };
-        let (sharp, softer) = (taps(self.sharp), taps(self.softer));
-        let more: [f32; 4] = core::array::from_fn(|i| softer[i] - sharp[i]);
-        let mixed: [f32; 4] = core::array::from_fn(|i| sharp[i] + self.share * more[i]);
-        let [t, tu, tv] = between(mixed, x, y);
-        let [tblur, ..] = between(more, x, y);
-        let (tu, tv) = (tu * self.per_plate, tv * self.per_plate);
-        Some([t, tu, tv, tblur * self.layers_per_ln])
-    }
-}
-
-/// Value between four samples, and its slope in x and y.
-#[inline(always)]
-fn between([a, b, c, d]: [f32; 4], x: f32, y: f32) -> [f32; 3] {
-    let (above, below) = (a + x * (b - a), c + x * (d - c));
-    let across = (b - a) + y * ((d - c) - (b - a));
-    [above + y * (below - above), across, below - above]
-}
-
-/// Pixels whose products are summed at once.
-const BATCH: usize = 32;
-
-/// Sums that run side by side.
-const LANES: usize = 4;
-
-/// Some pixels' part of the normal equations, one row per unknown, so that the products of many pixels are taken at once.
-struct Batch {
-    derivatives: [[f32; BATCH]; UNKNOWNS],
-    residual: [f32; BATCH],
-    weight: [f32; BATCH],
-    len: usize,
-}
-
-impl Batch {
-    fn new() -> Self {
-        Self {
-            derivatives: [[0.0; BATCH]; UNKNOWNS],
-            residual: [0.0; BATCH],
-            weight: [0.0; BATCH],
-            len: 0,
-        }
-    }
-
-    #[inline]
-    fn push(
-        &mut self,
-        weight: f32,
-        derivatives: [f32; UNKNOWNS],
-        residual: f32,
-        normal: &mut Normal,
-    ) {
-        let i = self.len;
-        for (row, derivative) in self.derivatives.iter_mut().zip(derivatives) {
-            row[i] = derivative;
-        }
-        self.residual[i] = residual;
-        self.weight[i] = weight;
-        self.len += 1;
-        if self.len == BATCH {
-            self.add_to(normal);
-        }
-    }
-
-    /// Adds what is left of the batch to the sums, and empties it.
-    fn add_to(&mut self, normal: &mut Normal) {
-        self.weight[self.len..].fill(0.0);
-        self.len = 0;
-        let weighted = |row: &[f32; BATCH]| -> [f32; BATCH] {
-            core::array::from_fn(|i| row[i] * self.weight[i])
-        };
-        for i in 0..UNKNOWNS {
-            let row = weighted(&self.derivatives[i]);
-            for k in i..UNKNOWNS {
-                normal.matrix[i][k] += f64::from(dot(&row, &self.derivatives[k]));
-            }
-            normal.right[i] += f64::from(dot(&row, &self.residual));
-        }
-        normal.squares += f64::from(dot(&weighted(&self.residual), &self.residual));
-        normal.n += self.weight.iter().sum::<f32>();
-    }
-}
-
-fn dot(a: &[f32; BATCH], b: &[f32; BATCH]) -> f32 {
-    let mut lanes = [0.0f32; LANES];
-    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
-        for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
-            *lane += a * b;
-        }
-    }
-    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3])
-}
-
-/// Inverse of a symmetric, positive matrix by Cholesky's decomposition; `None` where it is not positive.
-fn inverse(matrix: &[[f64; UNKNOWNS]; UNKNOWNS]) -> Option<[[f64; UNKNOWNS]; UNKNOWNS]> {
-    let mut lower = [[0.0; UNKNOWNS]; UNKNOWNS];
-    for i in 0..UNKNOWNS {
-        for k in 0..=i {
-            let known: f64 = (0..k).map(|j| lower[i][j] * lower[k][j]).sum();
-            let left = matrix[i][k] - known;
-            if i == k {
-                // What depends on the other unknowns alone has no digits left.
-                if left.is_nan() || left <= 1e-12 * matrix[i][i] {
-                    return None;
-                }
-                lower[i][i] = libm::sqrt(left);
-            } else {
-                lower[i][k] = left / lower[k][k];
-            }
-        }
-    }
-    let mut out = [[0.0; UNKNOWNS]; UNKNOWNS];
-    for column in 0..UNKNOWNS {
-        let mut x = [0.0; UNKNOWNS];
-        for i in 0..UNKNOWNS {
-            let known: f64 = (0..i).map(|j| lower[i][j] * x[j]).sum();
-            x[i] = (f64::from(u8::from(i == column)) - known) / lower[i][i];
-        }
-        for i in (0..UNKNOWNS).rev() {
-            let known: f64 = (i + 1..UNKNOWNS).map(|j| lower[j][i] * x[j]).sum();
-            x[i] = (x[i] - known) / lower[i][i];
-        }
-        for (row, x) in out.iter_mut().zip(x) {
-            row[column] = x;
-        }
-    }
-    Some(out)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::view::PIXEL_VARIANCE;
     use super::*;
     use std::{vec, vec::Vec};
 

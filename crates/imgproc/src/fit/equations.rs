@@ -1,0 +1,176 @@
+//! Normal equations of one round: sums over many pixels, and their solution.
+
+/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and blur.
+pub(super) const UNKNOWNS: usize = 9;
+pub(super) const CONTRAST: usize = 3;
+pub(super) const X: usize = 4;
+pub(super) const Y: usize = 5;
+pub(super) const TURN: usize = 6;
+pub(super) const SIZE: usize = 7;
+pub(super) const BLUR: usize = 8;
+
+/// Normal equations of one round.
+pub(super) struct Normal {
+    /// Sums of the products of two derivatives; those of an unknown with later ones only.
+    matrix: [[f64; UNKNOWNS]; UNKNOWNS],
+    /// Sums of the products of a derivative and what is left.
+    right: [f64; UNKNOWNS],
+    /// Sum of the squares of what is left.
+    pub(super) squares: f64,
+    /// Sum of the weights.
+    pub(super) n: f32,
+}
+
+/// Where the equations lead.
+pub(super) struct Solution {
+    pub(super) step: [f64; UNKNOWNS],
+    /// By how much the sum of squares falls, if everything is linear.
+    pub(super) taken: f64,
+    /// Covariance of the unknowns where every sample has a variance of 1.
+    pub(super) inverse: [[f64; UNKNOWNS]; UNKNOWNS],
+}
+
+impl Normal {
+    pub(super) fn new() -> Self {
+        Self {
+            matrix: [[0.0; UNKNOWNS]; UNKNOWNS],
+            right: [0.0; UNKNOWNS],
+            squares: 0.0,
+            n: 0.0,
+        }
+    }
+
+    /// Adds that an unknown is `off` by now from where it is expected, with a weight.
+    pub(super) fn expect(&mut self, unknown: usize, off: f32, weight: f64) {
+        self.matrix[unknown][unknown] += weight;
+        self.right[unknown] -= weight * f64::from(off);
+    }
+
+    /// `None` where some unknowns depend on the others alone.
+    pub(super) fn solve(mut self) -> Option<Solution> {
+        for i in 0..UNKNOWNS {
+            for k in 0..i {
+                self.matrix[i][k] = self.matrix[k][i];
+            }
+        }
+        let inverse = inverse(&self.matrix)?;
+        let sum = |a: &[f64; UNKNOWNS], b: &[f64; UNKNOWNS]| -> f64 {
+            a.iter().zip(b).map(|(a, b)| a * b).sum()
+        };
+        let step = core::array::from_fn(|i| sum(&inverse[i], &self.right));
+        Some(Solution {
+            step,
+            taken: sum(&step, &self.right),
+            inverse,
+        })
+    }
+}
+
+/// Pixels whose products are summed at once.
+const BATCH: usize = 32;
+
+/// Sums that run side by side.
+const LANES: usize = 4;
+
+/// Some pixels' part of the normal equations, one row per unknown, so that the products of many pixels are taken at once.
+pub(super) struct Batch {
+    derivatives: [[f32; BATCH]; UNKNOWNS],
+    residual: [f32; BATCH],
+    weight: [f32; BATCH],
+    len: usize,
+}
+
+impl Batch {
+    pub(super) fn new() -> Self {
+        Self {
+            derivatives: [[0.0; BATCH]; UNKNOWNS],
+            residual: [0.0; BATCH],
+            weight: [0.0; BATCH],
+            len: 0,
+        }
+    }
+
+    #[inline]
+    pub(super) fn push(
+        &mut self,
+        weight: f32,
+        derivatives: [f32; UNKNOWNS],
+        residual: f32,
+        normal: &mut Normal,
+    ) {
+        let i = self.len;
+        for (row, derivative) in self.derivatives.iter_mut().zip(derivatives) {
+            row[i] = derivative;
+        }
+        self.residual[i] = residual;
+        self.weight[i] = weight;
+        self.len += 1;
+        if self.len == BATCH {
+            self.add_to(normal);
+        }
+    }
+
+    /// Adds what is left of the batch to the sums, and empties it.
+    pub(super) fn add_to(&mut self, normal: &mut Normal) {
+        self.weight[self.len..].fill(0.0);
+        self.len = 0;
+        let weighted = |row: &[f32; BATCH]| -> [f32; BATCH] {
+            core::array::from_fn(|i| row[i] * self.weight[i])
+        };
+        for i in 0..UNKNOWNS {
+            let row = weighted(&self.derivatives[i]);
+            for k in i..UNKNOWNS {
+                normal.matrix[i][k] += f64::from(dot(&row, &self.derivatives[k]));
+            }
+            normal.right[i] += f64::from(dot(&row, &self.residual));
+        }
+        normal.squares += f64::from(dot(&weighted(&self.residual), &self.residual));
+        normal.n += self.weight.iter().sum::<f32>();
+    }
+}
+
+fn dot(a: &[f32; BATCH], b: &[f32; BATCH]) -> f32 {
+    let mut lanes = [0.0f32; LANES];
+    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
+        for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
+            *lane += a * b;
+        }
+    }
+    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3])
+}
+
+/// Inverse of a symmetric, positive matrix by Cholesky's decomposition; `None` where it is not positive.
+fn inverse(matrix: &[[f64; UNKNOWNS]; UNKNOWNS]) -> Option<[[f64; UNKNOWNS]; UNKNOWNS]> {
+    let mut lower = [[0.0; UNKNOWNS]; UNKNOWNS];
+    for i in 0..UNKNOWNS {
+        for k in 0..=i {
+            let known: f64 = (0..k).map(|j| lower[i][j] * lower[k][j]).sum();
+            let left = matrix[i][k] - known;
+            if i == k {
+                // What depends on the other unknowns alone has no digits left.
+                if left.is_nan() || left <= 1e-12 * matrix[i][i] {
+                    return None;
+                }
+                lower[i][i] = libm::sqrt(left);
+            } else {
+                lower[i][k] = left / lower[k][k];
+            }
+        }
+    }
+    let mut out = [[0.0; UNKNOWNS]; UNKNOWNS];
+    for column in 0..UNKNOWNS {
+        let mut x = [0.0; UNKNOWNS];
+        for i in 0..UNKNOWNS {
+            let known: f64 = (0..i).map(|j| lower[i][j] * x[j]).sum();
+            x[i] = (f64::from(u8::from(i == column)) - known) / lower[i][i];
+        }
+        for i in (0..UNKNOWNS).rev() {
+            let known: f64 = (i + 1..UNKNOWNS).map(|j| lower[j][i] * x[j]).sum();
+            x[i] = (x[i] - known) / lower[i][i];
+        }
+        for (row, x) in out.iter_mut().zip(x) {
+            row[column] = x;
+        }
+    }
+    Some(out)
+}

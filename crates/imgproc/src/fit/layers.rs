@@ -1,0 +1,108 @@
+//! Pictures of a shape at several blurs, and what lies between them.
+
+/// A shape's picture at several blurs. Each layer is a square grid of samples over the plate and what is around it.
+#[derive(Debug, Clone, Copy)]
+pub struct Layers<'a> {
+    /// Layer after layer, row after row: coverage by the shape, 0 to 1.
+    pub samples: &'a [f32],
+    /// Samples in a row, and rows.
+    pub side: usize,
+    /// Samples over the side of the plate, whose centre is in the middle of the grid.
+    pub per_plate: f32,
+    /// Standard deviation of the first layer's blur, in units of the plate's side.
+    pub first_blur: f32,
+    /// Blur of a layer over that of the one before.
+    pub blur_ratio: f32,
+}
+
+impl Layers<'_> {
+    /// How many there are.
+    ///
+    /// # Panics
+    ///
+    /// When they are not two or more whole ones.
+    fn count(&self) -> usize {
+        let n = self.samples.len() / (self.side * self.side);
+        assert!(
+            n >= 2 && self.samples.len() == n * self.side * self.side,
+            "the layers hold {} samples, not two or more times {} x {1}",
+            self.samples.len(),
+            self.side
+        );
+        n
+    }
+
+    /// The layers on either side of a blur, standard deviation in units of the plate's side.
+    pub(super) fn at_blur(&self, blur: f32) -> Blend<'_> {
+        let Layers { samples, side, .. } = *self;
+        let n = self.count();
+        let layers_per_ln = 1.0 / libm::logf(self.blur_ratio);
+        let layer = libm::logf(blur / self.first_blur) * layers_per_ln;
+        let layer = layer.clamp(0.0, (n - 1) as f32);
+        let below = (layer as usize).min(n - 2);
+        let area = side * side;
+        let (sharp, softer) = samples[below * area..(below + 2) * area].split_at(area);
+        Blend {
+            sharp,
+            softer,
+            share: layer - below as f32,
+            layers_per_ln,
+            side,
+            per_plate: self.per_plate,
+            middle: (side - 1) as f32 / 2.0,
+        }
+    }
+}
+
+/// Two neighbouring layers.
+pub(super) struct Blend<'a> {
+    sharp: &'a [f32],
+    softer: &'a [f32],
+    /// Of the softer layer.
+    share: f32,
+    layers_per_ln: f32,
+    side: usize,
+    per_plate: f32,
+    middle: f32,
+}
+
+impl Blend<'_> {
+    /// Coverage at a point of the plate, its derivatives along u and v and for the logarithm of the blur; `None` outside of
+    /// the grid. Linear between the samples, and the derivatives are those of the planes that this makes.
+    #[inline(always)]
+    pub(super) fn coverage(&self, u: f32, v: f32) -> Option<[f32; 4]> {
+        let (x, y) = (
+            u * self.per_plate + self.middle,
+            v * self.per_plate + self.middle,
+        );
+        // The cast rounds towards zero: what is left of the first column has been found by then.
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        let (column, row) = (x as u32 as usize, y as u32 as usize);
+        if column + 1 >= self.side || row + 1 >= self.side {
+            return None;
+        }
+        let (x, y) = (x - column as u32 as f32, y - row as u32 as f32);
+        let first = row * self.side + column;
+        let taps = |layer: &[f32]| {
+            let [above, below] = [first, first + self.side].map(|i| &layer[i..i + 2]);
+            [above[0], above[1], below[0], below[1]]
+        };
+        let (sharp, softer) = (taps(self.sharp), taps(self.softer));
+        let more: [f32; 4] = core::array::from_fn(|i| softer[i] - sharp[i]);
+        let mixed: [f32; 4] = core::array::from_fn(|i| sharp[i] + self.share * more[i]);
+        let [t, tu, tv] = between(mixed, x, y);
+        let [tblur, ..] = between(more, x, y);
+        let (tu, tv) = (tu * self.per_plate, tv * self.per_plate);
+        Some([t, tu, tv, tblur * self.layers_per_ln])
+    }
+}
+
+/// Value between four samples, and its slope in x and y.
+#[inline(always)]
+fn between([a, b, c, d]: [f32; 4], x: f32, y: f32) -> [f32; 3] {
+    let (above, below) = (a + x * (b - a), c + x * (d - c));
+    let across = (b - a) + y * ((d - c) - (b - a));
+    [above + y * (below - above), across, below - above]
+}
