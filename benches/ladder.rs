@@ -162,17 +162,21 @@ fn ladder(criterion: &mut Criterion) {
         });
 
         let nearby = scene.nearby();
-        let fit = fit_shape(plane, *size, layers, nearby, &PRIOR).expect("the spade is there");
+        let fit =
+            fit_shape(plane, *size, None, layers, nearby, &PRIOR).expect("the spade is there");
         let off_px =
             (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
         assert!(off_px < 0.02, "{plate_px}: {off_px} px off");
         criterion.bench_function(&name("fit"), |b| {
-            b.iter(|| fit_shape(black_box(plane), *size, layers, nearby, &PRIOR));
+            b.iter(|| fit_shape(black_box(plane), *size, None, layers, nearby, &PRIOR));
         });
         let other = Scene::new(&BAR, plate_px);
-        assert_eq!(fit_shape(&other.plane, *size, layers, nearby, &PRIOR), None);
+        assert_eq!(
+            fit_shape(&other.plane, *size, None, layers, nearby, &PRIOR),
+            None
+        );
         criterion.bench_function(&name("fit-of-something-else"), |b| {
-            b.iter(|| fit_shape(black_box(&other.plane), *size, layers, nearby, &PRIOR));
+            b.iter(|| fit_shape(black_box(&other.plane), *size, None, layers, nearby, &PRIOR));
         });
     }
 }

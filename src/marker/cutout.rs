@@ -7,6 +7,9 @@
 //! 4. Light and dark levels are taken once more, around the marker; its contour is the line half-way
 //!    between them.
 //!
+//! A figure that reaches the border of its plate is not surrounded by light. Where nothing else was found in a shape, all of the
+//! shape is taken for a plate, and what is beside the shape for light.
+//!
 //! On a plate of a dozen pixels, blur takes the light between the figure and what is dark beside the plate. The figure then has
 //! no contour, but the plate is still a square: where it lies and how it is turned is a start as well ([`Square`]).
 //!
@@ -23,6 +26,7 @@ use fourier::contour::{Region, region};
 use imgproc::contour::{
     Removed, Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
 };
+use imgproc::fit::Within;
 use imgproc::isoline::follow_isoline;
 use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::split::{Split, histogram, split};
@@ -70,6 +74,11 @@ pub(crate) struct Plate<'a> {
     pub(crate) figure: Option<Figure<'a>>,
     /// What is light, or at least its border.
     border: Border<'a>,
+    /// The pixels that show the plate, and how many they are.
+    pub(crate) paper: Within<'a>,
+    pub(crate) paper_px2: usize,
+    /// Whether the figure may reach the border of the paper.
+    pub(crate) touches: bool,
 }
 
 /// Pixels around which a square can be laid.
@@ -114,6 +123,7 @@ pub(crate) struct Square {
 pub(crate) struct CutoutScratch {
     light: Vec<u8>,
     plate: Vec<u8>,
+    closed: Vec<u8>,
     grey: Vec<u8>,
     dark: Vec<u8>,
     spare: Vec<u8>,
@@ -137,6 +147,7 @@ impl CutoutScratch {
         Self {
             light: vec![0; size.area()],
             plate: vec![0; size.area()],
+            closed: vec![0; size.area()],
             grey: vec![0; size.area()],
             dark: vec![0; size.area()],
             spare: vec![0; size.area()],
@@ -185,18 +196,65 @@ pub(crate) fn find_plates(
             isoline: &mut scratch.isoline,
         };
         let figure = figure_on_plate(cutout, removed.bounds, plate, memory);
-        let border = Border::Contour(contour);
-        any |= found(Plate { figure, border });
-    }
-    if !any && size.width.max(size.height) <= BROKEN_MAX_PX {
-        // The shapes have been taken out of it one by one.
-        let light = &mut scratch.light[..size.area()];
-        mark_light(cutout, split.threshold, light);
-        found(Plate {
-            figure: None,
-            border: Border::Mask(light, size),
+        any |= found(Plate {
+            figure,
+            border: Border::Contour(contour),
+            paper: Within {
+                mask: plate,
+                bounds: removed.bounds,
+            },
+            paper_px2: count(plate),
+            touches: false,
         });
     }
+    let broken = size.width.max(size.height) <= BROKEN_MAX_PX;
+    let is_part = mask.contains(&0);
+    if any || !(broken || is_part) {
+        return;
+    }
+    let closed = &mut scratch.closed[..size.area()];
+    for ((closed, &grey), &mask) in closed.iter_mut().zip(grey).zip(mask) {
+        *closed = if mask == 0 { split.light as u8 } else { grey };
+    }
+    let closed = Cutout {
+        grey: closed,
+        ..cutout
+    };
+    let whole = size.bounds();
+    let memory = PlateScratch {
+        grey: &mut scratch.grey,
+        dark: &mut scratch.dark,
+        spare: &mut scratch.spare,
+        spans: &mut scratch.spans,
+        isoline: &mut scratch.isoline,
+    };
+    let figure = if is_part {
+        figure_on_plate(closed, whole, mask, memory)
+    } else {
+        None
+    };
+    // The shapes have been taken out of it one by one.
+    let light = &mut scratch.light[..size.area()];
+    mark_light(cutout, split.threshold, light);
+    found(Plate {
+        figure,
+        border: if broken {
+            Border::Mask(light, size)
+        } else {
+            Border::Contour(&[])
+        },
+        paper: Within {
+            mask,
+            bounds: whole,
+        },
+        paper_px2: count(mask),
+        touches: true,
+    });
+}
+
+/// How many pixels a mask has.
+fn count(mask: &[u8]) -> usize {
+    mask.iter().map(|&m| usize::from(m != 0)).sum()
 }
 
 /// Marks what is light in the shape.
@@ -281,11 +339,10 @@ fn figure_on_plate<'a>(
     };
     let contour = follow_isoline(cutout.grey, cutout.size, start, split.threshold, isoline).ok()?;
     let region = region(contour);
-    let plate_area_px2: usize = plate.iter().map(|&p| usize::from(p)).sum();
     // Where the line leaves the plate, it encloses more than the dark pixels inside it.
     let plausible =
         region.area > 0.5 * largest.area as f32 && region.area < 1.5 * largest.area as f32 + 8.0;
-    let large_enough = region.area >= MARKER_SHARE_MIN * plate_area_px2 as f32;
+    let large_enough = region.area >= MARKER_SHARE_MIN * count(plate) as f32;
     (plausible && large_enough).then_some(Figure { contour, region })
 }
 

@@ -4,7 +4,7 @@ use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
 use fourier::matching::{compare_both_ways, least_distance};
 use fourier::wrapped;
-use imgproc::fit::{Fit, Pose, fit_shape};
+use imgproc::fit::{Fit, Pose, Within, fit_shape};
 
 use crate::marker::Family;
 use crate::marker::cutout::{Cutout, Figure, Plate, Square};
@@ -44,8 +44,20 @@ const CONTRAST_MIN: (f32, f32) = (25.0, 2.0);
 /// No ink is darker than black; noise and a floor of grey levels allow for a little.
 const BLACKER_THAN_BLACK: f32 = 1.1;
 
-/// Blur over the plate's side with which nothing is left that a marker could be known by.
-const BLUR_SHARE_MAX: f32 = 0.15;
+/// Blur over the plate's side with which nothing is left that a marker could be known by: at a tenth, drops and triangles are
+/// seen in half discs and squares.
+const BLUR_SHARE_MAX: f32 = 0.085;
+
+/// Paper of less than this share of a drawing's plate is a smaller one, and what is beside it does not count.
+const PAPER_SHARE: f32 = 0.8;
+
+/// Of less than this share of it, blurred borders taken off, too little is seen to know a marker by. Figures that are none were
+/// taken for a drop with a quarter.
+const SEEN_SHARE_MIN: f32 = 0.35;
+
+/// A marker on a part of its plate must explain so much of it: those that were there explained 0.989 and more, others up to
+/// 0.974.
+const PART_EXPLAINED_MIN: f32 = 0.985;
 
 /// How sure a figure must be to count as a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,17 +113,18 @@ impl Family {
         let by_contour = plate
             .figure
             .and_then(|figure| self.starts_by_contour(&figure, optics))
-            .and_then(|starts| self.best_fit(starts, cutout, optics, settings));
+            .and_then(|starts| self.best_fit(starts, Some(plate), cutout, optics, settings));
         by_contour.or_else(|| {
             let starts = self.starts_by_pattern(plate.square()?, cutout, optics)?;
-            self.best_fit(starts, cutout, optics, settings)
+            self.best_fit(starts, None, cutout, optics, settings)
         })
     }
 
-    /// The best of the fits, if it explains the pixels and no other does.
+    /// The best of the fits, if it explains the pixels and no other does. Where a plate may be smaller than drawn, it is given.
     fn best_fit(
         &self,
         starts: [Option<Start>; CANDIDATES],
+        plate: Option<&Plate<'_>>,
         cutout: Cutout<'_>,
         optics: &Optics,
         settings: &RecognitionSettings,
@@ -121,9 +134,15 @@ impl Family {
         let mut rival = f32::INFINITY;
         for (marker, start) in starts.into_iter().flatten() {
             let layers = self.markers[marker].template.layers();
-            let Some(fit) = fit_shape(cutout.grey, cutout.size, layers, start, &prior) else {
-                continue;
-            };
+            let fitted =
+                |within| fit_shape(cutout.grey, cutout.size, within, layers, start, &prior);
+            let mut fit = fitted(None);
+            if !fit.is_some_and(|fit| explains(&fit, prior.noise, settings)) {
+                let paper = plate.and_then(|plate| smaller_paper(plate, &start));
+                let part = paper.and_then(|paper| fitted(Some(paper)));
+                fit = part.filter(shows_enough).or(fit);
+            }
+            let Some(fit) = fit else { continue };
             match &mut best {
                 Some((_, before)) if before.residual <= fit.residual => {
                     rival = rival.min(fit.residual);
@@ -247,6 +266,19 @@ impl Family {
     }
 }
 
+/// The paper of a plate, where it is less than what a start takes for its plate.
+fn smaller_paper<'a>(plate: &Plate<'a>, start: &Pose) -> Option<Within<'a>> {
+    let share = plate.paper_px2 as f32 / (start.plate_px * start.plate_px);
+    (plate.touches || share < PAPER_SHARE).then_some(plate.paper)
+}
+
+/// Whether a part of a plate shows enough to go by.
+fn shows_enough(fit: &Fit) -> bool {
+    let seen_px2 = fit.n * (fit.block_px * fit.block_px) as f32;
+    seen_px2 >= SEEN_SHARE_MIN * fit.pose.plate_px * fit.pose.plate_px
+        && fit.explained >= PART_EXPLAINED_MIN
+}
+
 /// Grey value between pixels; `None` outside of the cut-out.
 fn interpolated(cutout: Cutout<'_>, x: f32, y: f32) -> Option<f32> {
     let (width, height) = (cutout.size.width, cutout.size.height);
@@ -286,7 +318,7 @@ fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     let misfit = settings.misfit_max * fit.contrast;
     let spread = 1.0 + NOISE_DEVIATIONS * (2.0 / fit.n).sqrt();
     let left = fit.residual / block;
-    left * left <= (noise * noise + misfit * misfit) * spread
+    left * left <= noise * noise * spread + misfit * misfit
         && fit.contrast >= CONTRAST_MIN.0.max(CONTRAST_MIN.1 * noise)
         && fit.contrast <= BLACKER_THAN_BLACK * fit.light
         && fit.pose.blur_px <= BLUR_SHARE_MAX * fit.pose.plate_px

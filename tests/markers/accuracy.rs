@@ -9,7 +9,7 @@ use overcam::slot::Slot;
 use scene::MAX_OBJECTS;
 
 use crate::random::Random;
-use crate::scene::{Conditions, GREY, Palette, Plate, Robot, picture};
+use crate::scene::{Conditions, Disturbance, GREY, Palette, Plate, Robot, picture};
 
 const SIZE: Size = Size {
     width: 640,
@@ -63,9 +63,10 @@ impl Score {
             blur_px,
             noise,
             slope,
+            disturbance,
         } = conditions;
         println!(
-            "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}: \
+            "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}, {disturbance:?}: \
              recall {:.4}, centre {:.4} px, heading {:.3} deg; wrong names {}, half turns {}, \
              false markers {} of {}; inside the 95 % ellipse {:.1} %, heading {:.1} %",
             self.recall(),
@@ -121,34 +122,67 @@ pub(crate) fn measure(
     let mut slot = Slot::empty();
     let learn = u64::from(Settings::default().learn);
     let pitch = (conditions.plate_px * 1.5 + 24.0).max(64.0);
-    let columns = (SIZE.width as f32 / pitch) as usize;
+    let scale = |drawing: &Drawing| match conditions.disturbance {
+        Disturbance::Touching => {
+            let reach = drawing.outline.iter().flatten().map(|c| c.abs());
+            0.5 / reach.fold(0.0, f32::max)
+        }
+        _ => 1.0,
+    };
+    let enlarged = |drawing: &Drawing| {
+        let scale = scale(drawing);
+        let points = drawing.outline.iter().map(|point| point.map(|c| c * scale));
+        points.collect::<Vec<_>>()
+    };
+    let outlines: Vec<_> = markers.iter().map(enlarged).collect();
+    let at_border = conditions.disturbance == Disturbance::Border;
+    let columns = if at_border {
+        1
+    } else {
+        (SIZE.width as f32 / pitch) as usize
+    };
     let rows = (SIZE.height as f32 / pitch) as usize;
+    let robots = match conditions.disturbance {
+        // A black marker that runs into something black has no border there.
+        Disturbance::Touching => &[Robot::None, Robot::Rim(250.0)][..],
+        _ => &[
+            Robot::None,
+            Robot::Dark,
+            Robot::Rim(20.0),
+            Robot::Rim(250.0),
+        ],
+    };
     let mut score = Score::default();
     for sequence in 0..learn + frames {
         let mut plates = Vec::new();
         let mut truth = Vec::new();
         for cell in (0..(columns * rows).min(MAX_OBJECTS)).filter(|_| sequence >= learn) {
-            let of_family = cell < markers.len();
-            let drawing = match markers.get(cell) {
-                Some(marker) => marker,
-                None => &tempting[cell % tempting.len()],
+            let shown = if at_border {
+                (cell + sequence as usize) % (markers.len() + tempting.len())
+            } else {
+                cell
             };
-            let [column, row] = [cell % columns, cell / columns];
+            let figure = match outlines.get(shown) {
+                Some(outline) => outline,
+                None => &tempting[shown % tempting.len()].outline,
+            };
+            let (column, row) = (cell % columns, cell / columns);
+            let mut centre =
+                [column, row].map(|i| (i as f32 + 0.5) * pitch + random.uniform(-3.0, 3.0));
+            if at_border {
+                centre[0] = conditions.plate_px * random.uniform(0.0, 1.0);
+            }
             let plate = Plate {
-                figure: &drawing.outline,
-                centre: [
-                    (column as f32 + 0.5) * pitch + random.uniform(-3.0, 3.0),
-                    (row as f32 + 0.5) * pitch + random.uniform(-3.0, 3.0),
-                ],
+                figure,
+                centre,
                 turn_rad: random.uniform(0.0, std::f32::consts::TAU),
-                robot: [
-                    Robot::None,
-                    Robot::Dark,
-                    Robot::Rim(20.0),
-                    Robot::Rim(250.0),
-                ][(cell + sequence as usize) % 4],
+                robot: robots[(cell + sequence as usize) % robots.len()],
+                light: [
+                    random.uniform(0.0, std::f32::consts::TAU),
+                    random.uniform(0.0, 1.0),
+                ],
             };
-            truth.push(of_family.then_some(drawing.name.as_str()));
+            truth.push(markers.get(shown).map(|marker| marker.name.as_str()));
             plates.push(plate);
         }
         picture(
@@ -216,11 +250,12 @@ fn judge(
     score.inside_heading += u32::from(error * error <= 3.841 * h);
 }
 
-const USUAL: Conditions = Conditions {
+pub(crate) const USUAL: Conditions = Conditions {
     plate_px: 24.0,
     blur_px: 0.6,
     noise: 3.0,
     slope: 0.0,
+    disturbance: Disturbance::None,
 };
 
 #[test]
@@ -287,7 +322,7 @@ fn coloured_markers_on_a_light_table_are_read() {
     }
 }
 
-fn at(plate_px: f32) -> Conditions {
+pub(crate) fn at(plate_px: f32) -> Conditions {
     Conditions { plate_px, ..USUAL }
 }
 

@@ -3,5 +3,6 @@
 //! Scenes are drawn by this test alone, point by point, so that nothing in them comes from the code that reads them.
 
 mod accuracy;
+mod disturbances;
 mod random;
 mod scene;

@@ -19,6 +19,32 @@ pub(crate) struct Conditions {
     pub(crate) noise: f32,
     /// By how much the light grows over 100 px to the right.
     pub(crate) slope: f32,
+    /// What else is not as it should be.
+    pub(crate) disturbance: Disturbance,
+}
+
+/// What goes wrong on real floors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Disturbance {
+    None,
+    /// Everything moves by so many pixels while the shutter is open, in any direction.
+    Motion(f32),
+    /// The lens is out of focus: the radius of the disc that a point becomes, pixels.
+    Defocus(f32),
+    /// The edge of a shadow lies across every plate; the share of light in it.
+    Shadow(f32),
+    /// Light falls off across every plate; the share of light at its dark side.
+    Falloff(f32),
+    /// A lamp is mirrored on every plate; the radius of the white spot, as a share of the plate's side.
+    Glare(f32),
+    /// Frames are JPEG of this quality.
+    Jpeg(u8),
+    /// Pixels share their colour by fours.
+    Subsampled,
+    /// Plates lie at the left border, up to a half of them outside of the picture.
+    Border,
+    /// Markers are so large that they touch the edges of their plates.
+    Touching,
 }
 
 /// Colours of what is drawn.
@@ -55,6 +81,8 @@ pub(crate) struct Plate<'a> {
     /// Turn of the drawing.
     pub(crate) turn_rad: f32,
     pub(crate) robot: Robot,
+    /// Where shadows, light and glare come from, as seen from this plate: any direction, and any distance from 0 to 1.
+    pub(crate) light: [f32; 2],
 }
 
 impl Plate<'_> {
@@ -114,10 +142,18 @@ pub(crate) fn picture(
     for plate in plates {
         draw(&mut planes, size, plate, palette, conditions.plate_px);
     }
-    let planes: Vec<Vec<f32>> = planes
-        .iter()
-        .map(|plane| blurred(plane, size, conditions.blur_px))
-        .collect();
+    for plate in plates {
+        light(&mut planes, size, plate, conditions);
+    }
+    let direction = random.uniform(0.0, std::f32::consts::TAU);
+    for plane in &mut planes {
+        *plane = blurred(plane, size, conditions.blur_px);
+        match conditions.disturbance {
+            Disturbance::Motion(length) => *plane = smeared(plane, size, length, direction),
+            Disturbance::Defocus(radius) => *plane = defocused(plane, size, radius),
+            _ => {}
+        }
+    }
     frame.size = size;
     frame.format = if is_grey {
         PixelFormat::Grey
@@ -128,22 +164,151 @@ pub(crate) fn picture(
     frame.bytes.clear();
     for i in 0..size.area() {
         // Full light at the right border: white is not to be more than the sensor takes.
-        let light = |x: f32| 1.0 + conditions.slope * (x - size.width as f32 / 2.0) / 100.0;
-        let lit = light((i % size.width) as f32) / light(size.width as f32);
+        let light_at = |x: f32| 1.0 + conditions.slope * (x - size.width as f32 / 2.0) / 100.0;
+        let lit = light_at((i % size.width) as f32) / light_at(size.width as f32);
         for plane in &planes {
             let seen = plane[i] * lit + conditions.noise * random.normal();
             frame.bytes.push(seen.round().clamp(0.0, 255.0) as u8);
         }
     }
+    match conditions.disturbance {
+        Disturbance::Jpeg(quality) => compress(frame, quality),
+        Disturbance::Subsampled => subsample(frame),
+        _ => {}
+    }
+}
+
+/// Shadows, falling light and glare around one plate.
+fn light(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, conditions: &Conditions) {
+    let side = conditions.plate_px;
+    let [direction, distance] = plate.light;
+    let (sin, cos) = direction.sin_cos();
+    let reach = side * 0.75 + 12.0;
+    for y in span(plate.centre[1], reach, size.height) {
+        for x in span(plate.centre[0], reach, size.width) {
+            let [dx, dy] = [x as f32 - plate.centre[0], y as f32 - plate.centre[1]];
+            let along = cos * dx + sin * dy;
+            let lit = |value: f32| match conditions.disturbance {
+                Disturbance::Shadow(share) if along > (distance - 0.5) * side * 0.7 => {
+                    value * share
+                }
+                Disturbance::Falloff(share) => {
+                    let at = (along / side + 0.5).clamp(0.0, 1.0);
+                    value * (1.0 + at * (share - 1.0))
+                }
+                Disturbance::Glare(radius) => {
+                    let [gx, gy] = [cos, sin].map(|d| d * distance * side * 0.5);
+                    let r = (dx - gx).hypot(dy - gy) / (radius * side);
+                    // White in its middle, and gone at its radius.
+                    value + 400.0 * (1.0 - r).clamp(0.0, 0.6)
+                }
+                _ => value,
+            };
+            for plane in &mut *planes {
+                let value = &mut plane[y * size.width + x];
+                *value = lit(*value).min(255.0);
+            }
+        }
+    }
+}
+
+/// Indices of a row or column that are at most `reach` from a point.
+fn span(centre: f32, reach: f32, length: usize) -> std::ops::Range<usize> {
+    (centre - reach).max(0.0) as usize..((centre + reach).max(0.0) as usize + 1).min(length)
+}
+
+/// A plane that moved along a straight line.
+fn smeared(plane: &[f32], size: Size, length: f32, direction: f32) -> Vec<f32> {
+    const STEPS: usize = 9;
+    let (sin, cos) = direction.sin_cos();
+    let offsets: Vec<[f32; 2]> = (0..STEPS)
+        .map(|i| length * ((i as f32 + 0.5) / STEPS as f32 - 0.5))
+        .map(|d| [d * cos, d * sin])
+        .collect();
+    mean_of_shifted(plane, size, &offsets)
+}
+
+/// A plane through a lens that makes discs of points.
+fn defocused(plane: &[f32], size: Size, radius: f32) -> Vec<f32> {
+    const ACROSS: usize = 9;
+    let at = |i: usize| radius * (2.0 * (i as f32 + 0.5) / ACROSS as f32 - 1.0);
+    let offsets: Vec<[f32; 2]> = (0..ACROSS * ACROSS)
+        .map(|i| [at(i % ACROSS), at(i / ACROSS)])
+        .filter(|[x, y]| x.hypot(*y) <= radius)
+        .collect();
+    mean_of_shifted(plane, size, &offsets)
+}
+
+fn mean_of_shifted(plane: &[f32], size: Size, offsets: &[[f32; 2]]) -> Vec<f32> {
+    let pixel = |x: isize, y: isize| {
+        let x = x.clamp(0, size.width as isize - 1) as usize;
+        let y = y.clamp(0, size.height as isize - 1) as usize;
+        plane[y * size.width + x]
+    };
+    let mut out = vec![0.0; plane.len()];
+    for &[dx, dy] in offsets {
+        let [left, top] = [dx, dy].map(|d| d.floor() as isize);
+        let [fx, fy] = [dx - dx.floor(), dy - dy.floor()];
+        for (i, out) in out.iter_mut().enumerate() {
+            let [x, y] = [
+                (i % size.width) as isize + left,
+                (i / size.width) as isize + top,
+            ];
+            let above = pixel(x, y) * (1.0 - fx) + pixel(x + 1, y) * fx;
+            let below = pixel(x, y + 1) * (1.0 - fx) + pixel(x + 1, y + 1) * fx;
+            *out += (above * (1.0 - fy) + below * fy) / offsets.len() as f32;
+        }
+    }
+    out
+}
+
+/// What a camera with a JPEG compressor sends.
+fn compress(frame: &mut Frame, quality: u8) {
+    let [width, height] = [frame.size.width, frame.size.height].map(|side| side as u32);
+    let colours = match frame.format {
+        PixelFormat::Grey => image::ExtendedColorType::L8,
+        _ => image::ExtendedColorType::Rgb8,
+    };
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, quality)
+        .encode(&frame.bytes, width, height, colours)
+        .expect("a picture that can be compressed");
+    frame.bytes = bytes;
+    frame.format = PixelFormat::Jpeg;
+}
+
+/// Red, green and blue to luma and a fourth of the chroma, by BT.601 with full range.
+fn subsample(frame: &mut Frame) {
+    let [width, height] = [frame.size.width, frame.size.height];
+    let rgb = |x: usize, y: usize| {
+        let i = 3 * (y * width + x);
+        [0, 1, 2].map(|channel| f32::from(frame.bytes[i + channel]))
+    };
+    let byte = |value: f32| value.round().clamp(0.0, 255.0) as u8;
+    let mut out = Vec::with_capacity(width * height * 3 / 2);
+    for i in 0..width * height {
+        let [r, g, b] = rgb(i % width, i / width);
+        out.push(byte(0.299 * r + 0.587 * g + 0.114 * b));
+    }
+    for chroma in [[-0.168_736, -0.331_264, 0.5], [0.5, -0.418_688, -0.081_312]] {
+        for i in 0..width / 2 * (height / 2) {
+            let [x, y] = [2 * (i % (width / 2)), 2 * (i / (width / 2))];
+            let of = |x: usize, y: usize| {
+                let rgb = rgb(x, y);
+                (0..3).map(|c| chroma[c] * rgb[c]).sum::<f32>()
+            };
+            let sum = of(x, y) + of(x + 1, y) + of(x, y + 1) + of(x + 1, y + 1);
+            out.push(byte(128.0 + sum / 4.0));
+        }
+    }
+    frame.bytes = out;
+    frame.format = PixelFormat::I420;
 }
 
 fn draw(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, palette: &Palette, plate_px: f32) {
     let reach = plate_px * 0.75 + 6.0;
-    let span = |centre: f32, length: usize| {
-        (centre - reach).max(0.0) as usize..((centre + reach).max(0.0) as usize + 1).min(length)
-    };
-    for y in span(plate.centre[1], size.height) {
-        for x in span(plate.centre[0], size.width) {
+    for y in span(plate.centre[1], reach, size.height) {
+        for x in span(plate.centre[0], reach, size.width) {
             let mut sums = [0.0; 3];
             for i in 0..SUBSAMPLES * SUBSAMPLES {
                 let offset = |i: usize| (i as f32 + 0.5) / SUBSAMPLES as f32 - 0.5;

@@ -21,7 +21,7 @@
 //! Cost: a round for light and contrast and two for the pose with some 200 blocks of pixels, which show most of what is something
 //! else, then one to three with all of them, about 200 operations each.
 
-use crate::{Size, assert_len};
+use crate::{Bounds, Size, assert_len};
 
 use equations::{BLUR, SIZE, Solution, TURN, UNKNOWNS, X, Y};
 use view::View;
@@ -74,6 +74,31 @@ pub struct Pose {
     pub blur_px: f32,
 }
 
+/// The part of a plane that shows the plate.
+#[derive(Debug, Clone, Copy)]
+pub struct Within<'a> {
+    /// Not 0 where it does, row after row of `bounds`.
+    pub mask: &'a [u8],
+    /// Where in the plane the mask lies.
+    pub bounds: Bounds,
+}
+
+impl Within<'_> {
+    /// Whether a pixel lies in it, and so do its neighbours so many pixels away in eight directions.
+    fn holds(&self, x: usize, y: usize, margin: usize) -> bool {
+        let size = self.bounds.size();
+        // What is left of or above the mask wraps around, and is too large then.
+        let x = x.wrapping_sub(usize::from(self.bounds.left));
+        let y = y.wrapping_sub(usize::from(self.bounds.top));
+        let holds = |x: usize, y: usize| {
+            x < size.width && y < size.height && self.mask[y * size.width + x] != 0
+        };
+        let columns = [x.wrapping_sub(margin), x, x.wrapping_add(margin)];
+        let rows = [y.wrapping_sub(margin), y, y.wrapping_add(margin)];
+        columns.iter().all(|&x| rows.iter().all(|&y| holds(x, y)))
+    }
+}
+
 /// What is known before the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
@@ -111,26 +136,32 @@ pub struct Fit {
     pub blur_ln_variance: f32,
 }
 
-/// Fits a shape to a plane of grey values.
+/// Fits a shape to a plane of grey values: to the whole plate, or to what is `within` a part of the plane.
 ///
 /// `None` where the pixels say nothing of the pose (plate outside of the plane, no contrast), lead away from the start, or
 /// clearly show something else.
 ///
 /// # Panics
 ///
-/// When `plane` has not `size.area()` values, or `layers` holds no two whole layers.
+/// When `plane` has not `size.area()` values, the mask of `within` not as many as its bounds, or `layers` holds no two whole
+/// layers.
 #[must_use]
 pub fn fit_shape(
     plane: &[u8],
     size: Size,
+    within: Option<Within<'_>>,
     layers: Layers<'_>,
     start: Pose,
     prior: &Prior,
 ) -> Option<Fit> {
     assert_len("plane", plane.len(), size);
+    if let Some(Within { mask, bounds }) = within {
+        assert_len("mask", mask.len(), bounds.size());
+    }
     let view = |blocks_across: f32| View {
         plane,
         size,
+        within,
         layers,
         block_px: (start.plate_px / blocks_across).max(1.0) as usize,
         origin: start.centre,
@@ -322,7 +353,7 @@ mod tests {
                 blur_px: 0.8,
             };
             let plane = picture(SIZE, &truth, || 0.0);
-            let fit = fit_shape(&plane, SIZE, layers(&samples), near(&truth), &PRIOR)
+            let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &PRIOR)
                 .unwrap_or_else(|| panic!("{plate_px}: a plate that is there"));
             let off =
                 (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
@@ -380,7 +411,7 @@ mod tests {
                 noise: 8.0,
                 ..PRIOR
             };
-            let fit = fit_shape(&plane, size, layers(&samples), near(&truth), &prior)
+            let fit = fit_shape(&plane, size, None, layers(&samples), near(&truth), &prior)
                 .expect("a plate that is there");
             let error = [
                 fit.pose.centre[0] - truth.centre[0],
@@ -404,6 +435,41 @@ mod tests {
     }
 
     #[test]
+    fn what_is_beside_a_smaller_plate_does_not_count() {
+        let samples = samples();
+        let truth = Pose {
+            centre: [60.0, 55.0],
+            turn_rad: 0.0,
+            plate_px: 40.0,
+            blur_px: 0.7,
+        };
+        let mut plane = picture(SIZE, &truth, || 0.0);
+        // Of the plate, only 34 x 34 pixels are there, and not around its centre; the flag is whole.
+        let bounds = Bounds {
+            left: 43,
+            top: 39,
+            right: 76,
+            bottom: 72,
+        };
+        let within = Within {
+            mask: &vec![1; bounds.size().area()],
+            bounds,
+        };
+        for (i, grey) in plane.iter_mut().enumerate() {
+            let (x, y) = (i % SIZE.width, i / SIZE.width);
+            if !within.holds(x, y, 0) {
+                *grey = 30;
+            }
+        }
+        let fit = |within| fit_shape(&plane, SIZE, within, layers(&samples), near(&truth), &PRIOR);
+        assert_eq!(fit(None), None);
+        let fit = fit(Some(within)).expect("a flag that is there");
+        let off =
+            (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+        assert!(off < 0.01, "{off} px");
+    }
+
+    #[test]
     fn nothing_is_found_where_nothing_is() {
         let samples = samples();
         let pose = Pose {
@@ -417,13 +483,16 @@ mod tests {
             height: 40,
         };
         let flat = vec![100; size.area()];
-        assert_eq!(fit_shape(&flat, size, layers(&samples), pose, &PRIOR), None);
+        assert_eq!(
+            fit_shape(&flat, size, None, layers(&samples), pose, &PRIOR),
+            None
+        );
         let outside = Pose {
             centre: [-30.0, 500.0],
             ..pose
         };
         assert_eq!(
-            fit_shape(&flat, size, layers(&samples), outside, &PRIOR),
+            fit_shape(&flat, size, None, layers(&samples), outside, &PRIOR),
             None
         );
         // What is lighter than its plate is no marker.
@@ -432,7 +501,7 @@ mod tests {
             .map(|g| 255 - g)
             .collect();
         assert_eq!(
-            fit_shape(&light, size, layers(&samples), pose, &PRIOR),
+            fit_shape(&light, size, None, layers(&samples), pose, &PRIOR),
             None
         );
     }

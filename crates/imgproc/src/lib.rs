@@ -57,6 +57,17 @@ impl Size {
     pub const fn area(self) -> usize {
         self.width * self.height
     }
+
+    /// The rectangle of a whole picture of this size, which has pixels.
+    #[must_use]
+    pub const fn bounds(self) -> Bounds {
+        Bounds {
+            left: 0,
+            top: 0,
+            right: (self.width - 1) as u16,
+            bottom: (self.height - 1) as u16,
+        }
+    }
 }
 
 /// A pixel.

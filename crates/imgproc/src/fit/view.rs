@@ -1,8 +1,8 @@
 //! What the pixels of a plate, or blocks of them, say of the unknowns.
 
-use super::Pose;
 use super::equations::{BLUR, Batch, CONTRAST, Normal, SIZE, TURN, UNKNOWNS, X, Y};
 use super::layers::Layers;
+use super::{Pose, Within};
 use crate::Size;
 
 /// Pixels nearer to the plate's border than so many blurs do not count.
@@ -53,6 +53,7 @@ impl State {
 pub(super) struct View<'a> {
     pub(super) plane: &'a [u8],
     pub(super) size: Size,
+    pub(super) within: Option<Within<'a>>,
     pub(super) layers: Layers<'a>,
     /// Pixels of a block's side.
     pub(super) block_px: usize,
@@ -165,7 +166,10 @@ impl View<'_> {
         let block = self.block_px as f32;
         let spread_px = libm::sqrtf(self.blur_variance(blur_px));
         let blend = self.layers.at_blur(spread_px / plate_px);
-        let half_px = plate_px / 2.0 - BORDER_BLURS * spread_px;
+        let border_px = BORDER_BLURS * spread_px;
+        let half_px = plate_px / 2.0 - border_px;
+        let margin_px = (border_px + 0.5) as usize;
+        let middle_px = self.block_px / 2;
         let (per_block, per_px) = (1.0 / block, 1.0 / plate_px);
         // Columns and rows of blocks, the first centred on the pixel (block - 1) / 2.
         let reach = (half_px + 1.0).max(0.0) * (sin.abs() + cos.abs());
@@ -190,6 +194,12 @@ impl View<'_> {
                 let inside = (half_px - off) * per_block + 0.5;
                 if inside <= 0.0 {
                     continue;
+                }
+                if let Some(within) = &self.within {
+                    let [x, y] = [column, row].map(|i| i * self.block_px + middle_px);
+                    if !within.holds(x, y, margin_px) {
+                        continue;
+                    }
                 }
                 let (u, v) = (along * per_px, across * per_px);
                 let Some(coverage) = blend.coverage(u, v) else {
