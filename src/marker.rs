@@ -44,8 +44,9 @@ pub const BUILT_IN: [(&str, &str); 13] = [
     ("triangle", include_str!("../markers/triangle.svg")),
 ];
 
-/// Least elongation of a marker: below, noise turns the orientation by degrees.
-pub const ELONGATION_MIN: f32 = 0.1;
+/// Least elongation of a marker: below, noise turns the contour's orientation farther than a fit can start from. At 0.07, plates
+/// of 14 px are read.
+pub const ELONGATION_MIN: f32 = 0.04;
 
 /// Least distance between two markers, and between a marker and its own half turn: mean square of the distance of their contours'
 /// points, in units of the size.

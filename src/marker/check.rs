@@ -7,7 +7,7 @@ use imgproc::Size;
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::{Drawing, read_drawing};
 use crate::marker::optics::Optics;
-use crate::marker::reference::{Placement, render};
+use crate::marker::reference::{Placement, plate_mask, render};
 use crate::marker::{Family, FamilyError, MarkerFile, SEPARATION_MIN, matching};
 use crate::settings::Settings;
 
@@ -137,10 +137,16 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
                 .round()
                 .clamp(0.0, 255.0) as u8;
         }
+        // Nothing but the shape's border tells where a marker ends that reaches the edge of its plate.
+        let mask = if drawing.touches() {
+            plate_mask(size, place)
+        } else {
+            vec![1; size.area()]
+        };
         let cutout = Cutout {
             size,
             grey: &grey,
-            mask: &vec![1; size.area()],
+            mask: &mask,
         };
         let (mut right, mut wrong) = (false, false);
         find_plates(cutout, &mut scratch, |plate| {
@@ -214,6 +220,20 @@ mod tests {
             let smallest = quality.smallest_plate_px.expect("readable");
             assert!(smallest <= 24.0, "{}: {smallest} px", check.name);
         }
+    }
+
+    #[test]
+    fn a_marker_may_fill_its_plate() {
+        let file = MarkerFile {
+            name: "arrow".to_owned(),
+            svg: r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 100"><path d="M50 0L100 50H70V100H30V50H0Z"/></svg>"#
+                .to_owned(),
+        };
+        let [check] = &check(&[file])[..] else {
+            panic!("one marker")
+        };
+        let quality = check.quality.as_ref().expect("a usable marker");
+        assert!(quality.smallest_plate_px.expect("readable") <= 24.0);
     }
 
     #[test]

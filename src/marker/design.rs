@@ -20,6 +20,9 @@ use crate::marker::{Family, FamilyError, Marker, MarkerFile, SEPARATION_MIN};
 const PLATE_PX: f32 = 12.0;
 const BLUR_PX: f32 = 0.8;
 
+/// Plate on which a shape must be read in bad light, in which a smaller one is blurred too much to be sure of anything.
+const READ_PX: f32 = 14.0;
+
 /// Least distance on a small plate: half of what is asked for on a large one, for blur takes some of every difference.
 const SMALL_SEPARATION_MIN: f32 = SEPARATION_MIN / 2.0;
 
@@ -124,7 +127,7 @@ pub fn design(
             continue;
         };
         family.markers.push(learned);
-        if !is_read_on(&family, family.markers.len() - 1, &shape.drawing, PLATE_PX) {
+        if !is_read_on(&family, family.markers.len() - 1, &shape.drawing, READ_PX) {
             family.markers.pop();
             continue;
         }

@@ -11,6 +11,12 @@ use usvg::tiny_skia_path::{PathSegment, Point, Transform};
 /// Straight pieces that replace one curve of a path.
 const PIECES_PER_CURVE: usize = 24;
 
+/// By how much numbers in files and their sums may be off, in units of the plate's side.
+const ROUNDING: f32 = 1e-3;
+
+/// A marker that comes nearer than this to the edge of its plate cannot be counted on to be surrounded by light.
+const EDGE: f32 = 0.03;
+
 /// The outline of a marker on its plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drawing {
@@ -18,6 +24,13 @@ pub struct Drawing {
     pub name: String,
     /// Corners in units of the plate's side: (0, 0) is the plate's centre, x right, y down, heading up. Clockwise.
     pub outline: Vec<[f32; 2]>,
+}
+
+impl Drawing {
+    /// Whether the marker reaches the edge of its plate.
+    pub(crate) fn touches(&self) -> bool {
+        self.outline.iter().flatten().any(|c| c.abs() > 0.5 - EDGE)
+    }
 }
 
 /// Why an SVG file is no marker.
@@ -50,8 +63,8 @@ pub enum Reason {
     Stroke,
     /// Text, pictures or gradients.
     NotAPlainShape(&'static str),
-    /// The shape reaches out of the view box or touches its border.
-    TouchesBorder,
+    /// The shape reaches out of the view box.
+    ReachesOut,
 }
 
 impl fmt::Display for Reason {
@@ -79,12 +92,10 @@ impl fmt::Display for Reason {
             Self::NotAPlainShape(what) => {
                 write!(f, "it contains {what}; use one plain, filled path")
             }
-            Self::TouchesBorder => {
-                write!(
-                    f,
-                    "the dark shape touches the border of the view box; leave some white around it"
-                )
-            }
+            Self::ReachesOut => write!(
+                f,
+                "the dark shape reaches out of the view box, which is the plate; make it smaller"
+            ),
         }
     }
 }
@@ -124,8 +135,8 @@ fn outline(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
     for point in &mut outline {
         *point = [point[0] / width - 0.5, point[1] / height - 0.5];
     }
-    if outline.iter().flatten().any(|c| c.abs() > 0.499) {
-        return Err(Reason::TouchesBorder);
+    if outline.iter().flatten().any(|c| c.abs() > 0.5 + ROUNDING) {
+        return Err(Reason::ReachesOut);
     }
     if fourier::contour::region(&outline).area < 0.0 {
         outline.reverse();
@@ -262,7 +273,7 @@ mod tests {
         );
         assert!(reason("0 0 40 40", "").contains("no dark shape"));
         assert!(reason("0 0 40 40", &square.repeat(2)).contains("2 dark shapes"));
-        assert!(reason("0 0 20 20", square).contains("touches the border"));
+        assert!(reason("0 0 19 19", square).contains("reaches out of the view box"));
         let holed = r#"<path fill-rule="evenodd" d="M5 5H35V35H5Z M10 10H30V30H10Z"/>"#;
         assert!(reason("0 0 40 40", holed).contains("2 outlines"));
         let line = r##"<path d="M5 5 L30 30" stroke="#000" fill="none"/>"##;

@@ -25,7 +25,7 @@ pub(crate) const BLURS_PX: [f32; 4] = [0.3, 0.6, 1.0, 1.5];
 const TURNS: usize = 5;
 
 /// Elongation below which a contour has no orientation at all; markers must show theirs much better.
-pub(crate) const ORIENTATION_MIN: f32 = 0.05;
+pub(crate) const ORIENTATION_MIN: f32 = 0.02;
 
 /// What a marker looks like on plates of one size and blur, upright.
 #[derive(Debug, Clone)]
@@ -131,11 +131,21 @@ fn measure(
         turn_rad,
         plate_px,
     };
-    let grey = render(drawing, size, place, blur_px);
+    let mut grey = render(drawing, size, place, blur_px);
+    let mut mask = vec![1; size.area()];
+    if drawing.touches() {
+        mask = plate_mask(size, place);
+        // As is done in live frames, where nothing surrounds the figure.
+        for (grey, mask) in grey.iter_mut().zip(&mut mask) {
+            if *mask == 0 {
+                (*grey, *mask) = (PAPER as u8, 1);
+            }
+        }
+    }
     let cutout = Cutout {
         size,
         grey: &grey,
-        mask: &vec![1; size.area()],
+        mask: &mask,
     };
     let mut measured = Err(NoReference::Unseen);
     find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
@@ -168,11 +178,21 @@ pub(crate) struct Placement {
     pub(crate) plate_px: f32,
 }
 
+/// Grey levels of the rendered plates.
+const FLOOR: f32 = 110.0;
+const PAPER: f32 = 225.0;
+const INK: f32 = 35.0;
+
+/// The pixels of a plate, at least half of each.
+pub(crate) fn plate_mask(size: Size, place: Placement) -> Vec<u8> {
+    let mut share = vec![0.0; size.area()];
+    let polygon = placed(&PLATE, place.centre, place.turn_rad, place.plate_px);
+    fill_polygon(&polygon, size, &mut share);
+    share.iter().map(|&s| u8::from(s >= 0.5)).collect()
+}
+
 /// Draws a plate with its marker on a grey floor.
 pub(crate) fn render(drawing: &Drawing, size: Size, place: Placement, blur_px: f32) -> Vec<u8> {
-    const FLOOR: f32 = 110.0;
-    const PAPER: f32 = 225.0;
-    const INK: f32 = 35.0;
     let mut plane = vec![FLOOR; size.area()];
     let mut scratch = vec![0.0; size.area()];
     for (outline, level) in [(&PLATE[..], PAPER), (&drawing.outline[..], INK)] {
