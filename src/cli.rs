@@ -89,6 +89,24 @@ pub enum MarkersCommand {
         #[arg(long, value_name = "N", default_value_t = 1)]
         seed: u64,
     },
+    /// Make a drawing of a shape that was cut by hand, from a view of it on its plate
+    ///
+    /// The dark shape lies on a light, square plate on a darker floor, with light all around it, and points up in the picture. The
+    /// larger it is seen, the better. Ends with status 1, and writes nothing, when it cannot be used as a marker.
+    Learn {
+        /// Where frames come from.
+        #[command(flatten)]
+        source: SourceArgs,
+        /// The new drawing (SVG); the marker is called like the file
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+        /// Folder of marker drawings that will be used with the new one
+        #[arg(long, value_name = "DIR")]
+        beside: Option<PathBuf>,
+        /// Learn from N frames, or from all of a file that has fewer
+        #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..))]
+        learn: u32,
+    },
     /// Draw the markers in their true size on A4 pages, with names and cut lines
     Sheet {
         /// Folder of marker drawings (SVG); without it the built-in ones

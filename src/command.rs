@@ -13,9 +13,10 @@ use crate::cli::{Cli, Command, MarkersCommand};
 use crate::marker::check::{check, table};
 use crate::marker::design::design;
 use crate::marker::sheet::{Layout, sheet};
+use crate::marker::trace::trace;
 use crate::marker::{MarkerFile, built_in_files, read_folder};
 use crate::recording::recover;
-use crate::run::background::learn_background;
+use crate::run::background::{learn_background, learn_view};
 use crate::run::{Completion, run};
 use crate::source::devices;
 use crate::watch;
@@ -41,7 +42,7 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         None => return run(&cli.run, &stop, &relearn, &mut out),
         Some(Command::Devices) => devices::list(&mut out).context("standard output")?,
         Some(Command::Background(args)) => learn_background(args, &stop, &mut out)?,
-        Some(Command::Markers(command)) => markers(command, &mut out)?,
+        Some(Command::Markers(command)) => markers(command, &stop, &mut out)?,
         Some(Command::Watch { service, frames }) => {
             watch::watch(service, *frames, &stop, &mut out)?
         }
@@ -60,7 +61,11 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
     Ok(Completion::Done)
 }
 
-fn markers(command: &MarkersCommand, out: &mut impl Write) -> anyhow::Result<()> {
+fn markers(
+    command: &MarkersCommand,
+    stop: &Arc<AtomicBool>,
+    out: &mut impl Write,
+) -> anyhow::Result<()> {
     match command {
         MarkersCommand::Check {
             folder,
@@ -103,6 +108,35 @@ fn markers(command: &MarkersCommand, out: &mut impl Write) -> anyhow::Result<()>
                     designed.len()
                 );
             }
+        }
+        MarkersCommand::Learn {
+            source,
+            output,
+            beside,
+            learn,
+        } => {
+            let others = beside.as_deref().map(read_folder).transpose()?;
+            let Some(((), view)) = learn_view(source, *learn, "a marker", stop, || Ok(()))? else {
+                return Ok(());
+            };
+            let name = output.file_stem().unwrap_or_default().to_string_lossy();
+            let traced = trace(&view.floor.picture, &name).with_context(|| view.source)?;
+            let mut files = others.unwrap_or_default();
+            files.push(traced);
+            let checks = check(&files);
+            let (Some(file), Some(new)) = (files.last(), checks.last()) else {
+                bail!("markers: nothing was learned");
+            };
+            if let Err(error) = &new.quality {
+                bail!("{error}");
+            }
+            // What is there may be somebody's own drawing.
+            std::fs::File::create_new(output)
+                .and_then(|mut new| new.write_all(file.svg.as_bytes()))
+                .with_context(|| not_written(output))?;
+            let quality = table(std::slice::from_ref(new), None);
+            out.write_all(quality.as_bytes())
+                .context("standard output")?;
         }
         MarkersCommand::Sheet {
             folder,

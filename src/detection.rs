@@ -7,7 +7,7 @@ use imgproc::contour::{
 use imgproc::{Bounds, Point, Size};
 
 use crate::frame::Picture;
-use crate::marker::colour::project;
+use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_plates};
 use crate::marker::optics::Optics;
 use crate::marker::{Family, Recognised, RecognitionSettings};
@@ -175,7 +175,7 @@ impl Detector {
         let grey = &mut self.grey[..size.area()];
         let optics = match view.channel {
             Channel::Intensity => {
-                crop_grey(picture, around, grey);
+                intensity(picture, around, grey);
                 self.optics
             }
             Channel::Colour => match project(picture, around, mask, grey) {
@@ -242,22 +242,5 @@ impl View {
 
     const fn new(part: Part, channel: Channel) -> Self {
         Self { part, channel }
-    }
-}
-
-/// Intensity of a rectangle of the picture: what the eye calls brightness, in 8 bits (BT.601).
-fn crop_grey(picture: &Picture, bounds: Bounds, grey: &mut [u8]) {
-    let width = bounds.size().width;
-    for (y, grey) in grey.chunks_exact_mut(width).enumerate() {
-        let start = (usize::from(bounds.top) + y) * picture.size.width + usize::from(bounds.left);
-        let row = start..start + width;
-        let (red, green, blue) = (
-            &picture.red[row.clone()],
-            &picture.green[row.clone()],
-            &picture.blue[row],
-        );
-        for (((grey, &r), &g), &b) in grey.iter_mut().zip(red).zip(green).zip(blue) {
-            *grey = ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8;
-        }
     }
 }

@@ -16,6 +16,7 @@ mod recognition;
 pub(crate) mod reference;
 pub mod sheet;
 mod template;
+pub mod trace;
 
 use std::path::Path;
 

@@ -29,6 +29,23 @@ struct Moments {
     vv: i64,
 }
 
+/// Intensity of a rectangle of the picture: what the eye calls brightness, in 8 bits (BT.601).
+pub(crate) fn intensity(picture: &Picture, bounds: Bounds, grey: &mut [u8]) {
+    let width = bounds.size().width;
+    for (y, grey) in grey.chunks_exact_mut(width).enumerate() {
+        let start = (usize::from(bounds.top) + y) * picture.size.width + usize::from(bounds.left);
+        let row = start..start + width;
+        let (red, green, blue) = (
+            &picture.red[row.clone()],
+            &picture.green[row.clone()],
+            &picture.blue[row],
+        );
+        for (((grey, &r), &g), &b) in grey.iter_mut().zip(red).zip(green).zip(blue) {
+            *grey = ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8;
+        }
+    }
+}
+
 /// Projects the colours of a rectangle so that what is colourless is light and what is not is dark. `mask` says which pixels of the rectangle
 /// count for the choice of the direction; all are projected.
 ///

@@ -47,6 +47,9 @@ const BROKEN_MAX_PX: usize = 40;
 /// Directions that are tried for the sides of a square, over a quarter turn.
 const DIRECTIONS: usize = 18;
 
+/// And between two of them, where it is to be exact.
+const FINE: usize = 20;
+
 /// A marker covers at least this share of its plate's contour.
 const MARKER_SHARE_MIN: f32 = 0.04;
 
@@ -93,9 +96,21 @@ enum Border<'a> {
 impl Plate<'_> {
     /// Its place, where it is a square.
     pub(crate) fn square(&self) -> Option<Square> {
+        let step = std::f32::consts::FRAC_PI_2 / DIRECTIONS as f32;
+        self.square_along((0..DIRECTIONS).map(|i| step * i as f32))
+    }
+
+    /// The same, its turn and with it its side as exact as its border shows them.
+    pub(crate) fn exact_square(&self) -> Option<Square> {
+        let rough = self.square()?.turn_rad;
+        let step = std::f32::consts::FRAC_PI_2 / DIRECTIONS as f32 / FINE as f32;
+        self.square_along((0..=2 * FINE).map(|i| rough + step * (i as f32 - FINE as f32)))
+    }
+
+    fn square_along(&self, turns_rad: impl Iterator<Item = f32>) -> Option<Square> {
         match self.border {
-            Border::Contour(contour) => square_around(|| contour.iter().copied()),
-            Border::Mask(mask, size) => square_around(|| pixels(mask, size)),
+            Border::Contour(contour) => square_around(|| contour.iter().copied(), turns_rad),
+            Border::Mask(mask, size) => square_around(|| pixels(mask, size), turns_rad),
         }
     }
 }
@@ -273,11 +288,13 @@ fn pixels(mask: &[u8], size: Size) -> impl Iterator<Item = Point> + '_ {
     (0..mask.len()).filter(|&i| mask[i] != 0).map(at)
 }
 
-/// The square around pixels: of the rectangles around them that of the least area, if it is one.
-fn square_around<Points: Iterator<Item = Point>>(points: impl Fn() -> Points) -> Option<Square> {
+/// The square around pixels: of the rectangles around them with these turns that of the least area, if it is one.
+fn square_around<Points: Iterator<Item = Point>>(
+    points: impl Fn() -> Points,
+    turns_rad: impl Iterator<Item = f32>,
+) -> Option<Square> {
     let mut least: Option<(f32, Square, f32)> = None;
-    for direction in 0..DIRECTIONS {
-        let turn_rad = std::f32::consts::FRAC_PI_2 * direction as f32 / DIRECTIONS as f32;
+    for turn_rad in turns_rad {
         let (sin, cos) = turn_rad.sin_cos();
         let mut spans = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
         for Point { x, y } in points() {

@@ -12,7 +12,7 @@ use fourier::descriptor::{Descriptor, describe};
 use fourier::matching::{compare, distances};
 
 use crate::marker::check::is_read_on;
-use crate::marker::drawing::{Drawing, read_drawing};
+use crate::marker::drawing::{Drawing, read_drawing, svg_of};
 use crate::marker::reference::Reference;
 use crate::marker::{Family, FamilyError, Marker, MarkerFile, SEPARATION_MIN};
 
@@ -133,7 +133,7 @@ pub fn design(
         }
         chosen.push(MarkerFile {
             name: format!("shape{:02}", chosen.len() + 1),
-            svg: svg(&shape.drawing.outline),
+            svg: svg_of(&shape.drawing.outline),
         });
         taken.push(shape);
     }
@@ -174,17 +174,6 @@ fn outline(radii: &[f32; DIRECTIONS + 1]) -> Vec<[f32; 2]> {
             [radius * sin, -radius * cos]
         })
         .collect()
-}
-
-/// The file of an outline.
-fn svg(outline: &[[f32; 2]]) -> String {
-    let corner = |[x, y]: &[f32; 2]| format!("{:.2} {:.2}", 50.0 + 100.0 * x, 50.0 + 100.0 * y);
-    let corners: Vec<String> = outline.iter().map(corner).collect();
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"80mm\" height=\"80mm\" viewBox=\"0 0 100 100\">\n  \
-         <rect width=\"100\" height=\"100\" fill=\"#fff\"/>\n  <path fill=\"#000\" d=\"M{}Z\"/>\n</svg>\n",
-        corners.join("L")
-    )
 }
 
 /// The radius in a direction: through those given runs a smooth curve (Catmull and Rom 1974), kept within their limits.

@@ -228,6 +228,17 @@ fn bezier(controls: &[Point], t: f32) -> Point {
     }
 }
 
+/// The file of an outline, which is given in units of the plate's side from its centre.
+pub(crate) fn svg_of(outline: &[[f32; 2]]) -> String {
+    let corner = |[x, y]: &[f32; 2]| format!("{:.2} {:.2}", 50.0 + 100.0 * x, 50.0 + 100.0 * y);
+    let corners: Vec<String> = outline.iter().map(corner).collect();
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"80mm\" height=\"80mm\" viewBox=\"0 0 100 100\">\n  \
+         <rect width=\"100\" height=\"100\" fill=\"#fff\"/>\n  <path fill=\"#000\" d=\"M{}Z\"/>\n</svg>\n",
+        corners.join("L")
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,8 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 
 use anyhow::{Context, bail};
+use imgproc::Size;
 
-use crate::cli::BackgroundArgs;
+use crate::cli::{BackgroundArgs, SourceArgs};
+use crate::floor::Floor;
 use crate::floor::learner::Learner;
 use crate::frame::{Picture, decode};
 use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
@@ -27,20 +29,64 @@ pub fn learn_background(
     stop: &Arc<AtomicBool>,
     out: &mut impl Write,
 ) -> anyhow::Result<()> {
-    let Some(mut source) = open_source(&args.source, stop)? else {
+    // Before the frames are waited for, which may take minutes.
+    let create = || Replacement::create(&args.output).with_context(|| not_written(&args.output));
+    let Some((target, learned)) =
+        learn_view(&args.source, args.learn, "the empty floor", stop, create)?
+    else {
         return Ok(());
     };
-    // Before the frames are waited for, which may take minutes.
-    let target = Replacement::create(&args.output).with_context(|| not_written(&args.output))?;
+    let Learned { floor, seen, .. } = learned;
+    let written = target.replace(&floor.to_png());
+    written.with_context(|| not_written(&args.output))?;
+    let fewer = if seen < args.learn {
+        format!(", which are all ({} were asked for)", args.learn)
+    } else {
+        String::new()
+    };
+    let noise = floor.median_noise().map_or("unknown".to_owned(), |noise| {
+        format!("{noise:.2} grey levels")
+    });
+    let Size { width, height } = floor.picture.size;
+    writeln!(
+        out,
+        "{}: {width} x {height}, learned from {seen} frames{fewer}; median noise {noise}",
+        args.output.display()
+    )
+    .context("standard output")
+}
+
+/// What a source shows while nothing moves.
+pub(crate) struct Learned {
+    pub(crate) floor: Floor,
+    /// Frames that it was learned from.
+    pub(crate) seen: u32,
+    /// Name of the source.
+    pub(crate) source: String,
+}
+
+/// Learns what a source shows from so many frames; `None` where `stop` was set before. `prepare` is called once the source is open
+/// and before a frame is waited for; what it gives is given back.
+pub(crate) fn learn_view<T>(
+    args: &SourceArgs,
+    count: u32,
+    what: &str,
+    stop: &Arc<AtomicBool>,
+    prepare: impl FnOnce() -> anyhow::Result<T>,
+) -> anyhow::Result<Option<(T, Learned)>> {
+    let Some(mut source) = open_source(args, stop)? else {
+        return Ok(None);
+    };
+    let prepared = prepare()?;
     source.start(stop)?;
     if stop.load(Ordering::Relaxed) {
-        return Ok(());
+        return Ok(None);
     }
     let info = source.info();
     tell_controls(&info);
     tell(format_args!(
-        "overcam: learning the empty floor from {} frames of {}",
-        args.learn, info.name
+        "overcam: learning {what} from {count} frames of {}",
+        info.name
     ));
 
     let (to_process, frames) = sync_channel(SLOTS);
@@ -54,7 +100,7 @@ pub fn learn_background(
             capture(source, live, limit, &free, &to_process, &stop, &counters)
         }
     })?;
-    let mut learner = Learner::new(info.size, args.learn);
+    let mut learner = Learner::new(info.size, count);
     let learned = learn(&mut learner, &info, &frames, &to_capture, stop);
     let stopped = stop.swap(true, Ordering::Relaxed);
     drop((frames, to_capture));
@@ -66,31 +112,22 @@ pub fn learn_background(
                 "overcam: stopped after {} frames; nothing is written",
                 learner.seen()
             ));
-            return Ok(());
+            return Ok(None);
         }
     }
-
     let seen = learner.seen();
     let Some(floor) = learner.finish() else {
         bail!("{}: there is no frame to learn from", info.name);
     };
-    let written = target.replace(&floor.to_png());
-    written.with_context(|| not_written(&args.output))?;
-    let fewer = if seen < args.learn {
-        format!(", which are all ({} were asked for)", args.learn)
-    } else {
-        String::new()
-    };
-    let noise = floor.median_noise().map_or("unknown".to_owned(), |noise| {
-        format!("{noise:.2} grey levels")
-    });
-    let (width, height) = (info.size.width, info.size.height);
-    writeln!(
-        out,
-        "{}: {width} x {height}, learned from {seen} frames{fewer}; median noise {noise}",
-        args.output.display()
-    )
-    .context("standard output")
+    let source = info.name;
+    Ok(Some((
+        prepared,
+        Learned {
+            floor,
+            seen,
+            source,
+        },
+    )))
 }
 
 /// Gives the learner frames until it has enough of them (true) or no more come.

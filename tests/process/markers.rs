@@ -58,3 +58,85 @@ fn sheets_are_written_page_by_page() {
     );
     assert_eq!(ended.status, Some(2));
 }
+
+#[test]
+fn a_marker_is_learned_from_a_view_of_it() {
+    let folder = folder();
+    // An arrowhead on a white plate on a grey floor, from above; every pixel sees a disc of two pixels.
+    let picture = image::GrayImage::from_fn(160, 120, |x, y| {
+        let level = |dx: i32, dy: i32| {
+            let [x, y] = [4 * x as i32 + dx - 320, 4 * y as i32 + dy - 240];
+            let head = (-120..96).contains(&y) && 2 * x.abs() < y + 120;
+            let plate = x.abs() < 160 && y.abs() < 160;
+            [100, 230, 30][usize::from(plate) + usize::from(head)]
+        };
+        let offsets = (-4..=4).flat_map(|dx| (-4..=4).map(move |dy| (dx, dy)));
+        let disc: Vec<i32> = offsets
+            .filter(|(dx, dy)| dx * dx + dy * dy <= 16)
+            .map(|(dx, dy)| level(dx, dy))
+            .collect();
+        image::Luma([(disc.iter().sum::<i32>() / disc.len() as i32) as u8])
+    });
+    let view = folder.path().join("view");
+    fs::create_dir(&view).expect("a new folder");
+    picture.save(view.join("1.png")).expect("it can be written");
+
+    let learn = ["markers", "learn", "--device", "view", "-o", "head.svg"];
+    let lines = printed(folder.path(), &learn);
+    assert_eq!(lines.len(), 2, "{lines:?}");
+    assert!(
+        lines[1].starts_with("head ") && lines[1].ends_with(" px"),
+        "{lines:?}"
+    );
+    let markers = folder.path().join("mine");
+    fs::create_dir(&markers).expect("a new folder");
+    fs::rename(folder.path().join("head.svg"), markers.join("head.svg")).expect("it was written");
+
+    // The floor without the plate, and then the plate: it is read, and points up.
+    let floor = image::GrayImage::from_pixel(160, 120, image::Luma([100]));
+    floor.save(view.join("0.png")).expect("it can be written");
+    let run_it = [
+        "--device",
+        "view",
+        "--markers",
+        "mine",
+        "--learn",
+        "1",
+        "--no-publish",
+        "--json",
+    ];
+    let scenes = printed(folder.path(), &run_it);
+    let scene = scenes.last().expect("a scene");
+    assert!(scene.contains("\"marker\":\"head\""), "{scene}");
+    let heading = scene.split("\"heading\":").nth(1).expect("a heading");
+    let heading: f64 = heading
+        .split([',', '}'])
+        .next()
+        .and_then(|number| number.parse().ok())
+        .expect("a number");
+    assert!(
+        (heading + std::f64::consts::FRAC_PI_2).abs() < 0.01,
+        "{scene}"
+    );
+
+    let ended = run(
+        folder.path(),
+        &[
+            "markers",
+            "learn",
+            "--device",
+            "view",
+            "-o",
+            "mine/head.svg",
+        ],
+    );
+    assert_eq!(ended.status, Some(1));
+    fs::remove_file(view.join("1.png")).expect("it is there");
+    let ended = run(folder.path(), &learn);
+    assert_eq!(ended.status, Some(1));
+    let last = ended.errors.last().expect("an error");
+    assert!(
+        last.contains("no dark shape on a light, square plate"),
+        "{last}"
+    );
+}
