@@ -216,6 +216,9 @@ pub struct RunArgs {
     /// Points in pixels and metres (TOML): all results are then on the floor, in metres
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
+    /// Side of the printed plates in millimetres, with --calibration: what has another size on the floor is no marker
+    #[arg(long, value_name = "MM", value_parser = parse_millimetres)]
+    pub plate: Option<f32>,
     /// Name of the shared-memory services
     #[arg(long, default_value = scene::DEFAULT_SERVICE)]
     pub service: String,
@@ -251,6 +254,7 @@ impl RunArgs {
             learn: self.learn.unwrap_or(settings.learn),
             threshold: self.threshold.unwrap_or(settings.threshold),
             area_min: self.area_min.unwrap_or(settings.area_min),
+            plate_mm: self.plate.or(settings.plate_mm),
             ..settings
         }
     }
@@ -266,6 +270,13 @@ fn parse_size(text: &str) -> Result<Size, String> {
         width: side(width)?,
         height: side(height)?,
     })
+}
+
+fn parse_millimetres(text: &str) -> Result<f32, &'static str> {
+    match text.parse::<f32>() {
+        Ok(mm) if (1.0..=10_000.0).contains(&mm) => Ok(mm),
+        _ => Err("a plate is 1 to 10000 millimetres wide"),
+    }
 }
 
 fn parse_format(text: &str) -> Result<PixelFormat, &'static str> {

@@ -75,7 +75,7 @@ impl Detector {
     }
 
     /// Everything in the mask, in reading order, and how many shapes and markers found no room or had too long a contour.
-    /// Uses the mask up. `noise` is that of a pixel, grey levels.
+    /// Uses the mask up. `noise` is that of a pixel, grey levels; `recognition` gives the settings for a place in the picture.
     pub(crate) fn detect(
         &mut self,
         mask: &mut [u8],
@@ -83,7 +83,7 @@ impl Detector {
         noise: f32,
         family: &Family,
         area_min_px2: usize,
-        settings: &RecognitionSettings,
+        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
     ) -> (&[Detection], u32) {
         self.detections.clear();
         self.optics.noise = noise;
@@ -100,7 +100,7 @@ impl Detector {
             match contour {
                 Ok(len) if self.detections.len() < MAX_DETECTIONS => {
                     overflow +=
-                        self.detect_in_shape(len, removed.bounds, picture, family, settings);
+                        self.detect_in_shape(len, removed.bounds, picture, family, recognition);
                 }
                 _ => overflow += 1,
             }
@@ -117,7 +117,7 @@ impl Detector {
         bounds: Bounds,
         picture: &Picture,
         family: &Family,
-        settings: &RecognitionSettings,
+        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
     ) -> u32 {
         let contour = &self.contour[..contour_len];
         let outline = simplified(contour);
@@ -126,6 +126,7 @@ impl Detector {
             .extend(contour.iter().map(|p| [f32::from(p.x), f32::from(p.y)]));
         let region = region(&self.polygon);
         let width_px = region.area.max(0.0).sqrt();
+        let settings = recognition(region.centre.map(f64::from));
         for view in View::ALL {
             let known = self.detections.len();
             let lost = self.read_markers(
@@ -134,7 +135,7 @@ impl Detector {
                 outline,
                 picture,
                 family,
-                settings,
+                &settings,
             );
             if lost > 0 || self.detections.len() > known {
                 return lost;

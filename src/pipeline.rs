@@ -160,15 +160,20 @@ impl Pipeline {
         if let Some(region) = &self.region {
             region.clear_outside(mask);
         }
+        let calibration = self.calibration.as_ref();
+        let recognition = |at_px| {
+            let floor = calibration.and_then(|calibration| on_floor(calibration, at_px));
+            self.settings
+                .recognition(floor.map(|floor| floor.metres_per_px()))
+        };
         let (detections, overflow) = self.detector.detect(
             mask,
             &self.picture,
             noise,
             &self.family,
             self.settings.area_min as usize,
-            &self.settings.recognition(),
+            &recognition,
         );
-        let calibration = self.calibration.as_ref();
         self.observations.clear();
         self.seen.clear();
         for (index, detection) in detections.iter().enumerate() {

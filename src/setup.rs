@@ -71,6 +71,11 @@ impl Setup {
                 Some(path) => path.display().to_string(),
                 None => args.source.device.clone(),
             })?;
+        if settings.plate_mm.is_some() && calibration.is_none() {
+            bail!(
+                "--plate: how many pixels a millimetre has is not known; give the floor's --calibration as well"
+            );
+        }
         let region = match (&args.region, recorded.and_then(|p| p.region.as_deref())) {
             (Some(path), _) => Some(Region::read(path, info.size)?),
             (None, Some(png)) => Some(Region::from_png(png, &args.source.device, info.size)?),

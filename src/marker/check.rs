@@ -117,7 +117,7 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
     let mut scratch = CutoutScratch::new(size);
     let mut optics = Optics::new();
     optics.noise = NOISE;
-    let settings = Settings::default().recognition();
+    let settings = Settings::default().recognition(None);
     let mut state = 1u32;
     let mut uniform = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

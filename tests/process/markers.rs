@@ -140,3 +140,43 @@ fn a_marker_is_learned_from_a_view_of_it() {
         "{last}"
     );
 }
+
+/// The sizes of the markers in the last of a few scenes.
+fn sizes(folder: &std::path::Path, plate_mm: Option<f64>) -> Vec<f64> {
+    let plate = plate_mm.map(|mm| mm.to_string());
+    let mut arguments = vec!["--frames", "4", "--no-publish", "--json"];
+    arguments.extend(["--calibration", "floor.toml"]);
+    if let Some(plate) = &plate {
+        arguments.extend(["--plate", plate]);
+    }
+    let scenes = printed(folder, &arguments);
+    let objects = scenes.last().expect("a scene").split("\"track\":").skip(1);
+    let marked = objects.filter(|object| object.contains("\"kind\":\"marker\""));
+    let size = |object: &str| {
+        let (_, size) = object.split_once("\"size\":")?;
+        size.split(',').next()?.parse().ok()
+    };
+    marked.filter_map(size).collect()
+}
+
+#[test]
+fn what_is_not_as_large_as_the_printed_plates_is_no_marker() {
+    let folder = folder();
+    write_calibration(&folder.path().join("floor.toml"), STRAIGHT);
+    // The demo's plates are 0.24 to 0.48 m wide.
+    let all = sizes(folder.path(), None);
+    assert_eq!(all.len(), 6, "{all:?}");
+    assert_eq!(sizes(folder.path(), Some(290.0)).len(), 4, "{all:?}");
+    assert!(sizes(folder.path(), Some(150.0)).is_empty());
+
+    let ended = run(
+        folder.path(),
+        &["--frames", "1", "--no-publish", "--plate", "60"],
+    );
+    assert_eq!(ended.status, Some(1));
+    assert!(
+        ended.errors[0].contains("--calibration"),
+        "{:?}",
+        ended.errors
+    );
+}
