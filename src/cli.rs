@@ -111,7 +111,7 @@ pub enum MarkersCommand {
     Sheet {
         /// Folder of marker drawings (SVG); without it the built-in ones
         folder: Option<PathBuf>,
-        /// The SVG file; where one page is not enough, the others are FILE-2.svg and so on
+        /// The file, PDF or SVG; where one page of SVG is not enough, the others are FILE-2.svg and so on
         #[arg(short, long, value_name = "FILE")]
         output: PathBuf,
         /// Side of a plate, millimetres

@@ -12,7 +12,7 @@ use crate::calibration::{self, Calibration};
 use crate::cli::{Cli, Command, MarkersCommand};
 use crate::marker::check::{check, table};
 use crate::marker::design::design;
-use crate::marker::sheet::{Layout, sheet};
+use crate::marker::sheet::{Layout, pdf, svg_pages};
 use crate::marker::trace::trace;
 use crate::marker::{MarkerFile, built_in_files, read_folder};
 use crate::recording::recover;
@@ -149,7 +149,15 @@ fn markers(
                 plate_mm: *plate,
                 copies: *copies,
             };
-            for (page, svg) in sheet(&files, &layout)?.iter().enumerate() {
+            let is_pdf = output
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("pdf"));
+            if is_pdf {
+                std::fs::write(output, pdf(&files, &layout)?)
+                    .with_context(|| not_written(output))?;
+                return writeln!(out, "{}", output.display()).context("standard output");
+            }
+            for (page, svg) in svg_pages(&files, &layout)?.iter().enumerate() {
                 let path = page_path(output, page);
                 std::fs::write(&path, svg).with_context(|| not_written(&path))?;
                 writeln!(out, "{}", path.display()).context("standard output")?;

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
+
 use crate::marker::MarkerFile;
 use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
 
@@ -12,6 +14,12 @@ const BORDER_MM: u32 = 10;
 /// Between plates: room for cut lines and the name.
 const GAP_MM: u32 = 8;
 
+/// Height of the letters.
+const CAPTION_MM: f32 = 2.5;
+
+/// Of PDF: 72 an inch.
+const POINTS_PER_MM: f32 = 72.0 / 25.4;
+
 /// What a sheet looks like.
 #[derive(Debug, Clone, Copy)]
 pub struct Layout {
@@ -21,84 +29,181 @@ pub struct Layout {
     pub copies: u32,
 }
 
+/// A plate on a page: what is drawn on it, and its upper left corner, millimetres from that of the page.
+struct Spot {
+    drawing: Drawing,
+    at: [u32; 2],
+}
+
 /// The pages, each an SVG file.
 ///
 /// # Errors
 ///
 /// [`DrawingError`] when a drawing is no marker.
-pub fn sheet(files: &[MarkerFile], layout: &Layout) -> Result<Vec<String>, DrawingError> {
-    let drawings = files
-        .iter()
-        .map(|file| read_drawing(&file.name, &file.svg))
-        .collect::<Result<Vec<_>, _>>()?;
-    let pitch = layout.plate_mm + GAP_MM;
-    let fit = PAGE_MM.map(|side| ((side - 2 * BORDER_MM) / pitch).max(1) as usize);
-    let plates: Vec<&Drawing> = drawings
-        .iter()
-        .flat_map(|drawing| std::iter::repeat_n(drawing, layout.copies as usize))
-        .collect();
-    Ok(plates
-        .chunks(fit[0] * fit[1])
-        .map(|plates| page(plates, fit[0], layout))
-        .collect())
+pub fn svg_pages(files: &[MarkerFile], layout: &Layout) -> Result<Vec<String>, DrawingError> {
+    let pages = pages(files, layout)?;
+    Ok(pages.iter().map(|page| svg_page(page, layout)).collect())
 }
 
-fn page(plates: &[&Drawing], columns: usize, layout: &Layout) -> String {
+/// The pages as one PDF file.
+///
+/// # Errors
+///
+/// [`DrawingError`] when a drawing is no marker.
+pub fn pdf(files: &[MarkerFile], layout: &Layout) -> Result<Vec<u8>, DrawingError> {
+    const FONT: Name<'_> = Name(b"F1");
+    let pages = pages(files, layout)?;
+    let [catalog, tree, font] = [1, 2, 3].map(Ref::new);
+    let id = |page: usize, part: usize| Ref::new((4 + 2 * page + part) as i32);
+    let mut pdf = Pdf::new();
+    pdf.catalog(catalog).pages(tree);
+    pdf.pages(tree)
+        .kids((0..pages.len()).map(|page| id(page, 0)))
+        .count(pages.len() as i32);
+    pdf.type1_font(font)
+        .base_font(Name(b"Helvetica"))
+        .encoding_predefined(Name(b"WinAnsiEncoding"));
+    let [width, height] = PAGE_MM.map(|mm| mm as f32 * POINTS_PER_MM);
+    for (i, spots) in pages.iter().enumerate() {
+        let mut page = pdf.page(id(i, 0));
+        page.parent(tree)
+            .media_box(Rect::new(0.0, 0.0, width, height))
+            .contents(id(i, 1));
+        page.resources().fonts().pair(FONT, font);
+        page.finish();
+        let mut content = Content::new();
+        for spot in spots {
+            pdf_plate(&mut content, spot, layout.plate_mm, FONT);
+        }
+        pdf.stream(id(i, 1), &content.finish());
+    }
+    Ok(pdf.finish())
+}
+
+/// Where each plate comes to lie.
+fn pages(files: &[MarkerFile], layout: &Layout) -> Result<Vec<Vec<Spot>>, DrawingError> {
+    let pitch = layout.plate_mm + GAP_MM;
+    let [columns, rows] = PAGE_MM.map(|side| ((side - 2 * BORDER_MM) / pitch).max(1) as usize);
+    let mut pages: Vec<Vec<Spot>> = Vec::new();
+    for file in files {
+        let drawing = read_drawing(&file.name, &file.svg)?;
+        for _ in 0..layout.copies {
+            if pages.last().is_none_or(|page| page.len() == columns * rows) {
+                pages.push(Vec::new());
+            }
+            let Some(page) = pages.last_mut() else {
+                continue;
+            };
+            let place = [page.len() % columns, page.len() / columns];
+            page.push(Spot {
+                drawing: drawing.clone(),
+                at: place.map(|i| BORDER_MM + GAP_MM / 2 + i as u32 * pitch),
+            });
+        }
+    }
+    Ok(pages)
+}
+
+impl Spot {
+    /// Corners of the marker on the page, millimetres.
+    fn outline(&self, side: u32) -> impl Iterator<Item = [f32; 2]> {
+        let corner = move |corner: &[f32; 2]| {
+            [0, 1].map(|i| (corner[i] + 0.5) * side as f32 + self.at[i] as f32)
+        };
+        self.drawing.outline.iter().map(corner)
+    }
+
+    /// The cut lines, from one millimetre beside a corner to three, away from the plate.
+    fn cut_lines(&self, side: u32) -> Vec<[[f32; 2]; 2]> {
+        let [left, top] = self.at.map(|c| c as f32);
+        let (right, bottom) = (left + side as f32, top + side as f32);
+        let mut lines = Vec::with_capacity(8);
+        for (x, right_of) in [(left, -1.0), (right, 1.0)] {
+            for (y, below) in [(top, -1.0), (bottom, 1.0)] {
+                lines.push([[x, y + below], [x, y + 3.0 * below]]);
+                lines.push([[x + right_of, y], [x + 3.0 * right_of, y]]);
+            }
+        }
+        lines
+    }
+
+    /// What is written below the plate, and where the middle of its base line is, millimetres.
+    fn caption(&self, side: u32) -> (String, [u32; 2]) {
+        let [left, top] = self.at;
+        let text = format!("{} {side} mm", self.drawing.name);
+        (text, [left + side / 2, top + side + 3])
+    }
+}
+
+fn svg_page(spots: &[Spot], layout: &Layout) -> String {
     let [width, height] = PAGE_MM;
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}mm\" height=\"{height}mm\" \
          viewBox=\"0 0 {width} {height}\">\n<rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n"
     );
-    for (i, drawing) in plates.iter().enumerate() {
-        let at = |i: usize| BORDER_MM + GAP_MM / 2 + i as u32 * (layout.plate_mm + GAP_MM);
-        plate(
-            &mut svg,
-            drawing,
-            at(i % columns),
-            at(i / columns),
-            layout.plate_mm,
+    let side = layout.plate_mm;
+    for spot in spots {
+        let corners: Vec<String> = spot
+            .outline(side)
+            .map(|[x, y]| format!("{x:.3} {y:.3}"))
+            .collect();
+        let lines: Vec<String> = spot
+            .cut_lines(side)
+            .iter()
+            .map(|[from, to]| format!("M{} {}L{} {}", from[0], from[1], to[0], to[1]))
+            .collect();
+        let (caption, [x, y]) = spot.caption(side);
+        // A `String` takes everything that is written to it.
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{}Z\"/>\n<path d=\"{}\" fill=\"none\" stroke=\"#888\" stroke-width=\"0.1\"/>\n\
+             <text x=\"{x}\" y=\"{y}\" font-family=\"sans-serif\" font-size=\"{CAPTION_MM}\" text-anchor=\"middle\" \
+             fill=\"#888\">{}</text>",
+            corners.join("L"),
+            lines.concat(),
+            escaped(&caption),
         );
     }
     svg.push_str("</svg>\n");
     svg
 }
 
-/// A marker, its cut lines just outside of the plate's corners, and its name below.
-fn plate(svg: &mut String, drawing: &Drawing, left: u32, top: u32, side: u32) {
-    // A `String` takes everything that is written to it.
-    let mut lines = String::new();
-    // From one millimetre beside a corner to three, away from the plate.
-    let (right, bottom) = (left + side, top + side);
-    for (y, outwards) in [(top, "v-2"), (bottom, "v2")] {
-        for x in [left, right] {
-            let from = if y == top { y - 1 } else { y + 1 };
-            let _ = write!(lines, "M{x} {from}{outwards}");
-        }
+/// A PDF page's origin is its lower left corner.
+fn pdf_plate(content: &mut Content, spot: &Spot, side: u32, font: Name<'_>) {
+    let point = |[x, y]: [f32; 2]| [x * POINTS_PER_MM, (PAGE_MM[1] as f32 - y) * POINTS_PER_MM];
+    for (i, corner) in spot.outline(side).map(point).enumerate() {
+        match i {
+            0 => content.move_to(corner[0], corner[1]),
+            _ => content.line_to(corner[0], corner[1]),
+        };
     }
-    for (x, outwards) in [(left, "h-2"), (right, "h2")] {
-        for y in [top, bottom] {
-            let from = if x == left { x - 1 } else { x + 1 };
-            let _ = write!(lines, "M{from} {y}{outwards}");
-        }
+    content.close_path();
+    content.fill_nonzero();
+    content.save_state();
+    content.set_stroke_gray(0.53).set_fill_gray(0.53);
+    content.set_line_width(0.1 * POINTS_PER_MM);
+    for line in spot.cut_lines(side) {
+        let [from, to] = line.map(point);
+        content.move_to(from[0], from[1]);
+        content.line_to(to[0], to[1]);
     }
-    let corners: Vec<String> = drawing
-        .outline
-        .iter()
-        .map(|corner| {
-            let [x, y] = corner.map(|c| (c + 0.5) * side as f32);
-            format!("{:.3} {:.3}", x + left as f32, y + top as f32)
-        })
+    content.stroke();
+    let (caption, at) = spot.caption(side);
+    // The encoding has a byte for each letter of western Europe.
+    let bytes: Vec<u8> = caption
+        .chars()
+        .map(|letter| u8::try_from(u32::from(letter)).unwrap_or(b'?'))
         .collect();
-    let _ = writeln!(
-        svg,
-        "<path d=\"M{}Z\"/>\n<path d=\"{lines}\" fill=\"none\" stroke=\"#888\" stroke-width=\"0.1\"/>\n\
-         <text x=\"{}\" y=\"{}\" font-family=\"sans-serif\" font-size=\"2.5\" text-anchor=\"middle\" fill=\"#888\">\
-         {} {side} mm</text>",
-        corners.join("L"),
-        left + side / 2,
-        top + side + 3,
-        escaped(&drawing.name),
-    );
+    let [x, y] = point(at.map(|c| c as f32));
+    let size = CAPTION_MM * POINTS_PER_MM;
+    // A letter of this font is about half as wide as it is high.
+    let left = x - 0.25 * size * bytes.len() as f32;
+    content.begin_text();
+    content.set_font(font, size);
+    content.next_line(left, y);
+    content.show(Str(&bytes));
+    content.end_text();
+    content.restore_state();
 }
 
 fn escaped(text: &str) -> String {
@@ -119,7 +224,7 @@ mod tests {
             plate_mm: 80,
             copies: 3,
         };
-        let pages = sheet(&files, &layout).expect("the built-in markers");
+        let pages = svg_pages(&files, &layout).expect("the built-in markers");
         // Two by three plates of 80 mm fit on a page.
         assert_eq!(pages.len(), (3 * files.len()).div_ceil(6));
         for page in &pages {
@@ -134,6 +239,24 @@ mod tests {
     }
 
     #[test]
+    fn a_pdf_has_the_same_pages() {
+        let files = built_in_files();
+        let layout = Layout {
+            plate_mm: 80,
+            copies: 2,
+        };
+        let pdf = pdf(&files, &layout).expect("the built-in markers");
+        let text = String::from_utf8_lossy(&pdf);
+        assert!(text.starts_with("%PDF-") && text.trim_end().ends_with("%%EOF"));
+        let pages = svg_pages(&files, &layout).expect("the built-in markers");
+        assert_eq!(text.matches("/Type /Page\n").count(), pages.len());
+        assert!(text.contains("/MediaBox [0 0 595.27"), "A4");
+        for file in &files {
+            assert_eq!(text.matches(&format!("({} 80 mm)", file.name)).count(), 2);
+        }
+    }
+
+    #[test]
     fn a_plate_is_where_its_corners_say() {
         let file = MarkerFile {
             name: "a<b".to_owned(),
@@ -144,7 +267,7 @@ mod tests {
             plate_mm: 40,
             copies: 1,
         };
-        let [page] = &sheet(&[file], &layout).expect("a drawing")[..] else {
+        let [page] = &svg_pages(&[file], &layout).expect("a drawing")[..] else {
             panic!("one page");
         };
         assert!(
