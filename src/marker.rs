@@ -4,8 +4,10 @@
 //!
 //! A figure is looked up among the `reference`s by the descriptor of its contour; the `template`s of the likely ones are
 //! fitted to the pixels of the plate, and what the fit leaves decides (`recognition`). What the camera does to every plate
-//! alike, blur and noise, is learned meanwhile (`optics`). Where intensity tells nothing, `colour` may.
+//! alike, blur and noise, is learned meanwhile (`optics`). Where intensity tells nothing, `colour` may. How exact a pose can be at
+//! best says `bound`.
 
+mod bound;
 pub mod check;
 pub(crate) mod colour;
 pub(crate) mod cutout;
@@ -33,10 +35,10 @@ pub const BUILT_IN: [(&str, &str); 13] = [
     ("arrow", include_str!("../markers/arrow.svg")),
     ("bat", include_str!("../markers/bat.svg")),
     ("chevron", include_str!("../markers/chevron.svg")),
-    ("crescent", include_str!("../markers/crescent.svg")),
+    ("crown", include_str!("../markers/crown.svg")),
     ("cup", include_str!("../markers/cup.svg")),
-    ("dee", include_str!("../markers/dee.svg")),
-    ("drop", include_str!("../markers/drop.svg")),
+    ("glider", include_str!("../markers/glider.svg")),
+    ("goblet", include_str!("../markers/goblet.svg")),
     ("keyhole", include_str!("../markers/keyhole.svg")),
     ("moth", include_str!("../markers/moth.svg")),
     ("sprout", include_str!("../markers/sprout.svg")),

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use imgproc::Size;
 
+use crate::marker::bound::{View, least_heading_sigma};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::{Drawing, read_drawing};
 use crate::marker::optics::Optics;
@@ -17,6 +18,13 @@ const PLATES_PX: [f32; 9] = [8.0, 10.0, 12.0, 14.0, 16.0, 20.0, 24.0, 28.0, 32.0
 /// Bad light: blur and noise with which they are shown.
 const BLUR_PX: f32 = 1.0;
 const NOISE: f32 = 6.0;
+
+/// Good light: an ordinary plate in focus, black on white, before an ordinary sensor.
+pub(crate) const GOOD_VIEW: View = View {
+    plate_px: 24.0,
+    blur_px: 0.6,
+    noise: 3.0 / 185.0,
+};
 
 /// Turns at which every plate is shown. All must be read.
 const TURNS: usize = 24;
@@ -35,6 +43,8 @@ pub struct Check {
 pub struct Quality {
     /// Absolute value of F(N-1) over that of F1: how well it shows its direction.
     pub elongation: f32,
+    /// Standard deviation that its heading cannot fall below on a plate of 24 pixels in good light, radians.
+    pub heading_sigma_rad: f32,
     /// Distance from itself turned by half a turn: mean square of the distance of the contours' points, in units of the size.
     pub half_turn: f32,
     /// The marker that is nearest to it, and how near.
@@ -101,6 +111,7 @@ fn quality(family: &Family, marker: usize, drawing: &Drawing) -> Result<Quality,
     let smallest_plate_px = PLATES_PX.iter().rev().take_while(readable).last().copied();
     Ok(Quality {
         elongation: own.elongation(),
+        heading_sigma_rad: least_heading_sigma(drawing, GOOD_VIEW),
         half_turn,
         nearest,
         smallest_plate_px,
@@ -172,7 +183,7 @@ pub fn table(checks: &[Check], cm_per_px: Option<f64>) -> String {
         .max()
         .map_or(6, |longest| longest.max(6));
     let mut out = format!(
-        "{:width$}  direction  half turn  nearest other{:pad$}  smallest plate\n",
+        "{:width$}  direction  heading  half turn  nearest other{:pad$}  smallest plate\n",
         "marker",
         "",
         pad = width.saturating_sub(6)
@@ -197,9 +208,10 @@ pub fn table(checks: &[Check], cm_per_px: Option<f64>) -> String {
         };
         let _ = writeln!(
             out,
-            "{:width$}  {:9.3}  {:9.3}  {nearest:nearest_width$}  {plate}",
+            "{:width$}  {:9.3}  {:6.3}°  {:9.3}  {nearest:nearest_width$}  {plate}",
             check.name,
             quality.elongation,
+            quality.heading_sigma_rad.to_degrees(),
             quality.half_turn,
             nearest_width = width + 7
         );

@@ -1,7 +1,7 @@
 //! New markers: shapes that differ from each other, and from themselves upside down, as much as can be found.
 //!
 //! A shape is drawn by its distance from the centre of the plate in so many directions, the same on the left and on the right,
-//! joined by a smooth curve. Of many random ones those are kept that show a direction; then, one after the other, the one
+//! joined by a smooth curve. Of many random ones those are kept that show a direction, and exactly; then, one after the other, the one
 //! is taken whose nearest neighbour among those taken is farthest away. How far two are apart is measured as recognition does it,
 //! on a small plate in a blurred picture: what only a large plate shows does not count.
 
@@ -11,10 +11,11 @@ use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
 use fourier::matching::{compare, distances};
 
-use crate::marker::check::is_read_on;
+use crate::marker::bound::least_heading_sigma;
+use crate::marker::check::{GOOD_VIEW, is_read_on};
 use crate::marker::drawing::{Drawing, read_drawing, svg_of};
 use crate::marker::reference::Reference;
-use crate::marker::{Family, FamilyError, Marker, MarkerFile, SEPARATION_MIN};
+use crate::marker::{self, Family, FamilyError, Marker, MarkerFile, SEPARATION_MIN};
 
 /// Plate and blur, pixels, for which shapes are to differ.
 const PLATE_PX: f32 = 12.0;
@@ -45,6 +46,9 @@ const TRIED_FOR_EACH: usize = 200;
 /// A shape shows its direction this well at least.
 const ELONGATION_MIN: f32 = 0.13;
 
+/// Its heading can be read this exactly at least: standard deviation in radians, see [`GOOD_VIEW`].
+const HEADING_SIGMA_MAX: f32 = 0.001;
+
 /// A shape and what it looks like.
 struct Shape {
     drawing: Drawing,
@@ -53,17 +57,26 @@ struct Shape {
 }
 
 impl Shape {
-    /// `None` where it does not show a direction, or looks the same upside down.
+    /// `None` where nothing is seen of it on a small plate.
     fn new(drawing: Drawing) -> Option<Self> {
-        // Most random shapes end here, before anything is rendered.
-        let sharp = describe(&resample(&drawing.outline), ELONGATION_MIN).ok()?;
-        let reference = Reference::learn(&drawing, PLATE_PX, BLUR_PX).ok()?;
-        let small = reference.descriptor;
-        (small.elongation() >= ELONGATION_MIN).then_some(Self {
+        let sharp = describe(&resample(&drawing.outline), marker::ELONGATION_MIN).ok()?;
+        let small = Reference::learn(&drawing, PLATE_PX, BLUR_PX)
+            .ok()?
+            .descriptor;
+        Some(Self {
             drawing,
             sharp,
             small,
         })
+    }
+
+    /// The same where it shows its direction well, on large plates and on small ones.
+    fn new_with_direction(drawing: Drawing) -> Option<Self> {
+        // Most random shapes end here, before anything is rendered.
+        let is_exact = least_heading_sigma(&drawing, GOOD_VIEW) <= HEADING_SIGMA_MAX;
+        let shape = is_exact.then(|| Self::new(drawing)).flatten()?;
+        let least = shape.sharp.elongation().min(shape.small.elongation());
+        (least >= ELONGATION_MIN).then_some(shape)
     }
 
     /// Distance from itself upside down, on a small plate; 0 where it is too little on a large one.
@@ -101,7 +114,7 @@ pub fn design(
     let mut shapes: Vec<Shape> = (0..count * TRIED_FOR_EACH)
         .filter_map(|_| {
             let outline = outline(&radii(&mut random));
-            Shape::new(Drawing {
+            Shape::new_with_direction(Drawing {
                 name: String::new(),
                 outline,
             })

@@ -330,7 +330,7 @@ fn actors() -> Vec<Actor> {
             circle([320.0, 195.0], 58.0, -7.0),
         ),
         robot(
-            "dee",
+            "goblet",
             28.0,
             disc(25.0),
             [60, 110, 60],
