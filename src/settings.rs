@@ -50,7 +50,7 @@ impl Default for Settings {
             plate_min: 8.0,
             plate_max: 400.0,
             plate_mm: None,
-            marker_misfit_max: 0.04,
+            marker_misfit_max: 0.05,
             top_speed: 0.75,
             misses_max: 8,
             confirm: 1,
