@@ -41,7 +41,7 @@ const STEP_MAX: f32 = 0.22;
 const CORNERS: usize = 96;
 
 /// Random shapes for each one that is wanted.
-const TRIED_FOR_EACH: usize = 200;
+const TRIED_FOR_EACH: usize = 600;
 
 /// A shape shows its direction this well at least.
 const ELONGATION_MIN: f32 = 0.13;
