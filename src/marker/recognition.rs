@@ -38,8 +38,9 @@ const NOISE_DEVIATIONS: f32 = 4.0;
 /// both equally likely, the chance to be wrong would be exp(-8).
 const RIVAL_LEAST: f32 = 16.0;
 
-/// Plate and marker are at least this many grey levels apart, and so many times the noise.
-const CONTRAST_MIN: (f32, f32) = (25.0, 2.0);
+/// Plate and marker are at least this many grey levels apart, and so many times the noise: of a figure that is fainter, noise could
+/// hide a hundredth of the plate, and a robot in bad colours was taken for a keyhole at 6.
+const CONTRAST_MIN: (f32, f32) = (25.0, 7.0);
 
 /// No ink is darker than black; noise and a floor of grey levels allow for a little.
 const BLACKER_THAN_BLACK: f32 = 1.1;
