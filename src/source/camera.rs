@@ -17,9 +17,10 @@
 //! the empty floor would be wrong.
 
 mod locking;
+mod numbers;
+mod rows;
 
 use std::io;
-use std::iter;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -30,6 +31,8 @@ use imgproc::Size;
 use crate::frame::{Frame, MAX_SIDE, PixelFormat};
 use crate::jpeg;
 use crate::slot::{Next, SourceInfo};
+use crate::source::camera::numbers::Numbers;
+use crate::source::camera::rows::rows;
 use crate::source::controls::{ControlError, ControlWish, Controls, Written};
 use crate::source::negotiation::{DEFAULT_RATE_HZ, interval, negotiate, text};
 use crate::source::v4l2::{self, Device, FailedCall, Filled, Fraction, Ready, Stream};
@@ -489,183 +492,9 @@ fn call_error(name: &str, path: &Path, failed: FailedCall) -> CameraError {
     }
 }
 
-/// Where the pixels lie in a buffer whose rows are `bytes_per_line` bytes apart (0: without padding): one range for each row,
-/// or a single one if there is no padding, in the order of [`PixelFormat`]. No ranges for JPEG. `None` if rows overlap.
-fn rows(format: PixelFormat, size: Size, bytes_per_line: usize) -> Option<Vec<Range<usize>>> {
-    let Size { width, height } = size;
-    let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
-    // Bytes of a row, rows, and how often the first plane's distance between rows contains this plane's.
-    let planes: &[(usize, usize, usize)] = match format {
-        PixelFormat::Grey => &[(width, height, 1)],
-        PixelFormat::Rgb => &[(3 * width, height, 1)],
-        PixelFormat::Yuyv | PixelFormat::Uyvy => &[(4 * half_width, height, 1)],
-        PixelFormat::Nv12 => &[(width, height, 1), (2 * half_width, half_height, 1)],
-        PixelFormat::I420 => {
-            let chroma = (half_width, half_height, 2);
-            &[(width, height, 1), chroma, chroma]
-        }
-        PixelFormat::I422 => {
-            let chroma = (half_width, height, 2);
-            &[(width, height, 1), chroma, chroma]
-        }
-        PixelFormat::I444 => &[(width, height, 1), (width, height, 1), (width, height, 1)],
-        PixelFormat::Jpeg => return Some(Vec::new()),
-    };
-    let is_padded = |&(row_bytes, _, part): &(usize, usize, usize)| {
-        bytes_per_line != 0 && bytes_per_line / part != row_bytes
-    };
-    if !planes.iter().any(is_padded) {
-        return format
-            .frame_bytes(size)
-            .map(|bytes| iter::once(0..bytes).collect());
-    }
-    let mut rows = Vec::new();
-    let mut start = 0;
-    for &(row_bytes, n_rows, part) in planes {
-        let distance = bytes_per_line / part;
-        if distance < row_bytes {
-            return None;
-        }
-        rows.extend(
-            (0..n_rows).map(|row| start + row * distance..start + row * distance + row_bytes),
-        );
-        start += n_rows * distance;
-    }
-    Some(rows)
-}
-
-/// Frame numbers that count lost frames, made from a driver's 32-bit count.
-#[derive(Debug, Default)]
-struct Numbers {
-    /// The driver's count and ours of the last buffer, and whether it was the first.
-    last: Option<(u32, u64, bool)>,
-    lost: u64,
-}
-
-impl Numbers {
-    /// The number of the next buffer, from 0.
-    ///
-    /// The step from the first buffer to the second is always taken as one: v4l2loopback gives the first a count of 0 and the
-    /// others their place since the sender's start. A count that stands still or goes back is no count, and taken as one too.
-    fn next(&mut self, count: u32) -> u64 {
-        let Some((last_count, last_number, was_first)) = self.last else {
-            self.last = Some((count, 0, true));
-            return 0;
-        };
-        let step = match count.wrapping_sub(last_count) {
-            step @ 1..=0x7fff_ffff if !was_first => u64::from(step),
-            _ => 1,
-        };
-        let number = last_number + step;
-        self.lost += step - 1;
-        self.last = Some((count, number, false));
-        number
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const fn size(width: usize, height: usize) -> Size {
-        Size { width, height }
-    }
-
-    #[test]
-    fn padding_is_left_out() {
-        // 4x2 pixels, 6 bytes from row to row.
-        assert_eq!(
-            rows(PixelFormat::Grey, size(4, 2), 6),
-            Some(vec![0..4, 6..10])
-        );
-        assert_eq!(
-            rows(PixelFormat::Nv12, size(4, 2), 6),
-            Some(vec![0..4, 6..10, 12..16])
-        );
-        assert_eq!(
-            rows(PixelFormat::I420, size(4, 2), 8),
-            Some(vec![0..4, 8..12, 16..18, 20..22])
-        );
-        assert_eq!(
-            rows(PixelFormat::Yuyv, size(2, 2), 8),
-            Some(vec![0..4, 8..12])
-        );
-    }
-
-    #[test]
-    fn rows_without_padding_are_one_piece() {
-        for (format, _, bytes_per_line) in [
-            (PixelFormat::Grey, 1, 4),
-            (PixelFormat::Rgb, 3, 12),
-            (PixelFormat::Uyvy, 2, 8),
-            (PixelFormat::Nv12, 1, 4),
-            (PixelFormat::I420, 1, 4),
-            (PixelFormat::I422, 1, 4),
-            (PixelFormat::I444, 1, 0),
-        ] {
-            let bytes = format.frame_bytes(size(4, 2)).expect("raw");
-            assert_eq!(
-                rows(format, size(4, 2), bytes_per_line),
-                Some(iter::once(0..bytes).collect())
-            );
-        }
-        assert_eq!(rows(PixelFormat::Jpeg, size(4, 2), 0), Some(vec![]));
-    }
-
-    #[test]
-    fn the_rows_hold_a_whole_frame_whatever_the_padding() {
-        for (format, bytes_a_pixel) in [
-            (PixelFormat::Grey, 1),
-            (PixelFormat::Rgb, 3),
-            (PixelFormat::Yuyv, 2),
-            (PixelFormat::Nv12, 1),
-            (PixelFormat::I420, 1),
-        ] {
-            for padding in [0, 2, 64] {
-                let rows = rows(format, size(6, 5), 6 * bytes_a_pixel + padding).expect("possible");
-                let bytes = rows.iter().map(ExactSizeIterator::len).sum();
-                assert_eq!(format.frame_bytes(size(6, 5)), Some(bytes), "{format:?}");
-                assert!(rows.is_sorted_by(|a, b| a.end <= b.start));
-            }
-        }
-    }
-
-    #[test]
-    fn overlapping_rows_are_refused() {
-        assert_eq!(rows(PixelFormat::Rgb, size(4, 2), 11), None);
-        assert_eq!(rows(PixelFormat::Yuyv, size(5, 2), 10), None);
-    }
-
-    #[test]
-    fn numbers_count_what_is_lost() {
-        let mut numbers = Numbers::default();
-        let counts = [7, 8, 9, 12, 13];
-        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2, 5, 6]);
-        assert_eq!(numbers.lost, 2);
-    }
-
-    #[test]
-    fn the_drivers_count_wraps_around() {
-        let mut numbers = Numbers::default();
-        let counts = [u32::MAX - 2, u32::MAX - 1, u32::MAX, 0, 2];
-        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2, 3, 5]);
-        assert_eq!(numbers.lost, 1);
-    }
-
-    #[test]
-    fn a_first_count_of_zero_is_no_gap() {
-        let mut numbers = Numbers::default();
-        let counts = [0, 5_000_000, 5_000_001];
-        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2]);
-        assert_eq!(numbers.lost, 0);
-    }
-
-    #[test]
-    fn drivers_that_do_not_count_lose_nothing() {
-        let mut numbers = Numbers::default();
-        let counts = [0, 0, 0, 9, 3];
-        assert_eq!(counts.map(|count| numbers.next(count)), [0, 1, 2, 11, 12]);
-    }
 
     #[test]
     fn nodes_that_are_no_cameras_say_what_to_do() {
