@@ -39,7 +39,7 @@ pub enum Command {
     Devices,
     /// Learn the empty floor, over which objects may move, and write it into a file for --background
     Background(BackgroundArgs),
-    /// Check marker drawings, and make sheets of them to print
+    /// Check marker drawings, print them, design new ones, or learn one from a view
     #[command(subcommand)]
     Markers(MarkersCommand),
     /// Print what a running overcam publishes, as --json would
