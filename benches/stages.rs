@@ -23,7 +23,7 @@ use imgproc::{Point, Size};
 use overcam::frame::{Picture, decode};
 use overcam::slot::Slot;
 use overcam::source::demo::{Floor, NATURAL_SIZE};
-use predict::{Observation, Settings, Tracker};
+use predict::{MAX_TRACKS, Observation, Settings, Track, Tracker};
 use rustfft::FftPlanner;
 
 const SIZE: Size = NATURAL_SIZE;
@@ -320,7 +320,7 @@ fn descriptors(criterion: &mut Criterion) {
 fn tracks(criterion: &mut Criterion) {
     const OBJECTS: usize = 32;
     let settings = Settings::default();
-    let mut tracker = Box::new(Tracker::new());
+    let mut tracker = Tracker::new(vec![Track::EMPTY; MAX_TRACKS]);
     let mut stamp_ns = 0;
     let mut step = move || {
         stamp_ns += 66_666_667;

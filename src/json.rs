@@ -99,6 +99,8 @@ impl Serialize for ObjectJson<'_> {
         map.serialize_entry("size", &length(object.size))?;
         map.serialize_entry("vx", &length(object.vx))?;
         map.serialize_entry("vy", &length(object.vy))?;
+        map.serialize_entry("turn_rate", &rounded(object.turn_rate_rad_s, PER_RADIAN))?;
+        map.serialize_entry("age", &rounded(object.age_s, PER_SECOND))?;
         map.serialize_entry("observed", &object.observed())?;
         if object.confidence > 0.0 {
             map.serialize_entry("confidence", &rounded(object.confidence, PER_ONE))?;
@@ -223,6 +225,7 @@ mod tests {
         robot.size = 24.1;
         robot.confidence = 0.987_654;
         (robot.vx, robot.vy) = (-0.000_04, -31.2);
+        (robot.turn_rate_rad_s, robot.age_s) = (-0.25, 1.533_333_333);
         robot.covariance = [
             [0.012_345_678, -1e-20, 0.0],
             [-1e-20, 1_234.567_89, 0.5],
@@ -259,12 +262,13 @@ mod tests {
         let expected = concat!(
             r#"{"sequence":17,"stamp_ns":1133333333,"frame":"image","light":"steady","gain":[1.0,1.0,1.0],"objects":["#,
             r#"{"track":3,"kind":"marker","marker":"arrow","x":101.52,"y":88.07,"heading":1.570796,"size":24.1,"#,
-            r#""vx":0.0,"vy":-31.2,"observed":true,"confidence":0.9877,"#,
+            r#""vx":0.0,"vy":-31.2,"turn_rate":-0.25,"age":1.533333,"observed":true,"confidence":0.9877,"#,
             r#""covariance":[[0.0123457,0.0,0.0],[0.0,1234.57,0.5],[0.0,0.5,3.14159e-7]],"#,
             r#""outline":[[90.0,80.25],[112.0,80.25]],"#,
             r#""forecast":[{"dt":0.066667,"x":101.52,"y":85.99,"covariance":[[0.02,0.0],[0.0,0.02]]},"#,
             r#"{"dt":0.133333,"x":101.52,"y":83.91,"covariance":[[0.1,0.01],[0.01,1234570.0]]}]},"#,
-            r#"{"track":5,"kind":"obstacle","x":10.0,"y":20.5,"size":8.0,"vx":0.0,"vy":0.0,"observed":false,"#,
+            r#"{"track":5,"kind":"obstacle","x":10.0,"y":20.5,"size":8.0,"vx":0.0,"vy":0.0,"#,
+            r#""turn_rate":0.0,"age":0.0,"observed":false,"#,
             r#""covariance":[[0.25,0.0],[0.0,0.25]],"outline":[],"forecast":[]}]}"#,
             "\n"
         );

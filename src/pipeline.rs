@@ -4,7 +4,7 @@
 //! same scene for the same frames whatever its scratch memory held before.
 
 use imgproc::Size;
-use predict::{Heading, Observation, Track, Tracker};
+use predict::{Heading, MAX_TRACKS, Observation, Track, Tracker};
 use scene::{ForecastPoint, Object};
 
 use crate::calibration::{Calibration, FloorPoint};
@@ -17,9 +17,6 @@ use crate::marker::Family;
 use crate::segmentation::{Light, Segmented, Segmenter};
 use crate::settings::Settings;
 use crate::slot::Slot;
-
-/// Steps of a forecast come as near to this as whole frames can.
-const FORECAST_STEP_S: f64 = 1.0 / 15.0;
 
 /// Frames per second where a source does not say.
 const RATE_HZ: f64 = 30.0;
@@ -47,7 +44,7 @@ pub struct Pipeline {
     seen: Vec<usize>,
     /// Size of each track when it was seen last, in the order of the tracks.
     sizes: Vec<(u64, f64)>,
-    tracker: Box<Tracker>,
+    tracker: Tracker<Vec<Track>>,
 }
 
 /// What is going on to know the empty floor, or to know it anew.
@@ -98,7 +95,7 @@ impl Pipeline {
             observations: Vec::with_capacity(MAX_DETECTIONS),
             seen: Vec::with_capacity(MAX_DETECTIONS),
             sizes: Vec::with_capacity(2 * MAX_DETECTIONS),
-            tracker: Box::new(Tracker::new()),
+            tracker: Tracker::new(vec![Track::EMPTY; MAX_TRACKS]),
             settings,
         }
     }
@@ -244,6 +241,7 @@ impl Pipeline {
         };
         if let Some(floor) = background {
             self.detector.forget_optics();
+            self.tracker.forget_floor();
             match &mut self.segmenter {
                 Some(segmenter) => segmenter.set_floor(floor),
                 None => self.segmenter = Some(Box::new(Segmenter::new(floor))),
@@ -260,9 +258,8 @@ fn tracking(
     calibration: Option<&Calibration>,
 ) -> predict::Settings {
     let width = size.width as f64;
-    let frames_per_step = (FORECAST_STEP_S * rate_hz).round().max(1.0);
     let in_pixels = predict::Settings {
-        forecast_step_s: frames_per_step / rate_hz,
+        frame_period_s: 1.0 / rate_hz,
         top_speed: settings.top_speed * width,
         gate_base: GATE_WIDTHS * width,
         marker_offset: GATE_WIDTHS * width,
@@ -334,6 +331,8 @@ fn report(
     object.track = track.id();
     [object.x, object.y] = track.position();
     [object.vx, object.vy] = track.velocity();
+    object.turn_rate_rad_s = track.turn_rate_rad_s();
+    object.age_s = track.age_s();
     if let Some(marker) = track.marker() {
         object.kind = scene::KIND_MARKER;
         let name = family.name(marker as usize).as_bytes();

@@ -226,7 +226,7 @@ fn scene_with_robot(sequence: u64) -> Scene {
     robot.marker[..5].copy_from_slice(b"arrow");
     (robot.x, robot.y) = (101.52, -0.000_1);
     robot.heading_rad = -2.5;
-    robot.n_forecast = 15;
+    robot.n_forecast = scene::MAX_FORECAST as u32;
     for (step, point) in robot.forecast.iter_mut().enumerate() {
         let dt_s = (step + 1) as f64 / 10.0;
         *point = ForecastPoint {
@@ -513,22 +513,27 @@ fn both_planners_print_the_published_poses() {
     }
     for mut planner in planners {
         assert_eq!(planner.exit(), (Some(0), vec![]));
-        let printed: BTreeMap<u64, String> = planner.lines.iter().map(numbered_pose).collect();
+        let printed: BTreeMap<u64, (String, f64)> =
+            planner.lines.iter().map(numbered_pose).collect();
         assert_eq!(printed.len(), 5, "{printed:?}");
-        for (sequence, pose) in printed {
-            let ahead_y = sequence as f64 - 15.0;
+        for (sequence, (pose, age_s)) in printed {
+            let (pose, ahead_y) = pose.rsplit_once(' ').expect("a line ends with y");
             let expected = format!(
-                "{sequence} arrow x 101.520 y -0.000 heading -2.500 in 0.500 s x 101.520 y {ahead_y:.3}"
+                "{sequence} arrow x 101.520 y -0.000 heading -2.500 in 0.500 s x 101.520 y"
             );
             assert_eq!(pose, expected);
+            // Half a second from when the line was printed, not from the exposure.
+            let expected = sequence as f64 - 30.0 * (0.5 + age_s).min(2.0);
+            let ahead_y: f64 = ahead_y.parse().expect("a number");
+            assert!((ahead_y - expected).abs() < 2e-3, "{ahead_y} {expected}");
         }
     }
     drop(publisher);
     assert!(!exists(&service), "something was left behind");
 }
 
-/// A planner's line without the age, which must be that of a scene that was just made.
-fn numbered_pose(line: String) -> (u64, String) {
+/// A planner's line without the age, and the age in seconds, which must be that of a scene that was just made.
+fn numbered_pose(line: String) -> (u64, (String, f64)) {
     let (pose, age) = line.split_once(" age ").expect("a line ends with the age");
     let age_ms: f64 = age
         .strip_suffix(" ms")
@@ -541,7 +546,7 @@ fn numbered_pose(line: String) -> (u64, String) {
     );
     let sequence = pose.split(' ').next().and_then(|first| first.parse().ok());
     let sequence = sequence.expect("a line begins with the number of the scene");
-    (sequence, pose.to_owned())
+    (sequence, (pose.to_owned(), age_ms * 1e-3))
 }
 
 /// The example's program; a test run of this file alone does not build it.

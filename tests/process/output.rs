@@ -44,7 +44,7 @@ fn the_demo_prints_a_line_a_frame_and_says_where_to_subscribe() {
 fn assert_object(object: &Value) {
     assert!(object["track"].is_u64(), "{object}");
     assert!(object["observed"].is_boolean(), "{object}");
-    for key in ["x", "y", "size", "vx", "vy"] {
+    for key in ["x", "y", "size", "vx", "vy", "turn_rate", "age"] {
         assert!(object[key].is_f64(), "{key} of {object}");
     }
     let is_marker = object["kind"] == "marker";

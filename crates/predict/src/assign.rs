@@ -1,69 +1,121 @@
-//! Which observation belongs to which track: greedy, nearest pair first, each track and each observation used once.
+//! Which observation belongs to which track: all at once, each used once, at the least cost together.
 //!
 //! Section 3.1.1 of the paper gives every track the observation nearest to its expected place, so that two tracks
-//! may share one where objects cross; that costs tens of times more identity switches than exclusive assignment,
-//! while the optimal (Hungarian) assignment is hardly better than the greedy one. The result is that of sorting all
-//! admissible pairs by distance and taking each whose track and observation are still free; no list of pairs is
-//! needed, because only a track that loses its nearest observation to another has to look again.
+//! may share one where objects cross; that costs tens of times more identity switches than exclusive assignment. Here the sum of
+//! the costs of all pairs is least (the Hungarian method by shortest augmenting paths, Jonker and Volgenant), a track
+//! that goes without an observation costing something, too.
 //!
-//! Cost: tracks x observations distances, and once more the observations for every lost conflict.
+//! Cost: tracks x observations, and as much again for every track along the path on which others move on to make room.
 
-use crate::MAX_TRACKS;
+use crate::{MAX_OBSERVATIONS, MAX_TRACKS};
 
-/// Adds to `observation_of` (one entry a track) the greedy pairs among the tracks without an observation and the
+/// What a track may be given: the observations, or nothing, for which each track has a column of its own.
+const COLUMNS: usize = MAX_OBSERVATIONS + MAX_TRACKS;
+
+/// Adds to `observation_of` (one entry a track) the best pairs among the tracks without an observation and the
 /// observations not `taken`.
 ///
-/// `distance(track, observation)` is `None` for a pair that must not be. Equal distances: the lower track, then the
-/// lower observation first.
+/// `cost(track, observation)` is `None` for a pair that must not be; `unseen(track)` is the cost of leaving a track
+/// without. Costs are finite.
 ///
 /// # Panics
 ///
-/// If there are more than [`MAX_TRACKS`] tracks.
-pub(crate) fn assign_nearest(
+/// If there are more than [`MAX_TRACKS`] tracks or [`MAX_OBSERVATIONS`] observations, or if a cost is not finite.
+pub(crate) fn assign(
     observation_of: &mut [Option<usize>],
     taken: &mut [bool],
-    distance: impl Fn(usize, usize) -> Option<f64>,
+    cost: impl Fn(usize, usize) -> Option<f64>,
+    unseen: impl Fn(usize) -> f64,
 ) {
-    let nearest_free = |track: usize, taken: &[bool]| {
-        let mut nearest: Option<(f64, usize)> = None;
-        for (observation, _) in taken.iter().enumerate().filter(|(_, taken)| !**taken) {
-            if let Some(candidate) = distance(track, observation)
-                && nearest.is_none_or(|(best, _)| candidate < best)
-            {
-                nearest = Some((candidate, observation));
-            }
+    let mut free = [0; MAX_OBSERVATIONS];
+    let mut n_free = 0;
+    for (observation, _) in taken.iter().enumerate().filter(|(_, taken)| !**taken) {
+        free[n_free] = observation;
+        n_free += 1;
+    }
+    let free = &free[..n_free];
+    let mut rows = [0; MAX_TRACKS];
+    let mut n_rows = 0;
+    for (track, given) in observation_of.iter().enumerate() {
+        if given.is_none() && free.iter().any(|i| cost(track, *i).is_some()) {
+            rows[n_rows] = track;
+            n_rows += 1;
         }
-        nearest
-    };
+    }
+    let rows = &rows[..n_rows];
+    let row_of = assign_rows(
+        rows.len(),
+        free.len() + rows.len(),
+        |row, column| match free.get(column) {
+            Some(observation) => cost(rows[row], *observation),
+            None => (column - free.len() == row).then(|| unseen(rows[row])),
+        },
+    );
+    for (observation, row) in free.iter().zip(row_of) {
+        if let Some(row) = row {
+            observation_of[rows[row]] = Some(*observation);
+            taken[*observation] = true;
+        }
+    }
+}
 
-    let mut candidates = [None; MAX_TRACKS];
-    let candidates = &mut candidates[..observation_of.len()];
-    for (track, candidate) in candidates.iter_mut().enumerate() {
-        if observation_of[track].is_none() {
-            *candidate = nearest_free(track, taken);
-        }
-    }
-    loop {
-        let mut best: Option<(f64, usize, usize)> = None;
-        for (track, candidate) in candidates.iter().enumerate() {
-            if let Some((distance, observation)) = *candidate
-                && best.is_none_or(|(least, ..)| distance < least)
-            {
-                best = Some((distance, track, observation));
+/// The row of every column, such that every row has one and the sum of the costs is least. Every row must have a column
+/// that no other can have.
+fn assign_rows(
+    n_rows: usize,
+    n_columns: usize,
+    cost: impl Fn(usize, usize) -> Option<f64>,
+) -> [Option<usize>; COLUMNS] {
+    let mut row_of = [None; COLUMNS];
+    let (mut row_price, mut column_price) = ([0.0; MAX_TRACKS], [0.0; COLUMNS]);
+    for new_row in 0..n_rows {
+        // Dijkstra's search, over reduced costs, for the nearest column that is free.
+        let mut least = [f64::INFINITY; COLUMNS];
+        let mut from = [None; COLUMNS];
+        let mut done = [false; COLUMNS];
+        let (mut row, mut column) = (new_row, None);
+        let free_column = loop {
+            let (mut next, mut step) = (0, f64::INFINITY);
+            for other in (0..n_columns).filter(|other| !done[*other]) {
+                if let Some(cost) = cost(row, other) {
+                    let reduced = cost - row_price[row] - column_price[other];
+                    if reduced < least[other] {
+                        least[other] = reduced;
+                        from[other] = column;
+                    }
+                }
+                if least[other] < step {
+                    (next, step) = (other, least[other]);
+                }
             }
-        }
-        let Some((_, winner, observation)) = best else {
-            return;
+            assert!(step.is_finite(), "costs are finite");
+            row_price[new_row] += step;
+            for other in 0..n_columns {
+                match (done[other], row_of[other]) {
+                    (true, Some(row)) => {
+                        let row: usize = row;
+                        row_price[row] += step;
+                        column_price[other] -= step;
+                    }
+                    _ => least[other] -= step,
+                }
+            }
+            done[next] = true;
+            column = Some(next);
+            match row_of[next] {
+                Some(owner) => row = owner,
+                None => break next,
+            }
         };
-        observation_of[winner] = Some(observation);
-        taken[observation] = true;
-        candidates[winner] = None;
-        for (track, candidate) in candidates.iter_mut().enumerate() {
-            if candidate.is_some_and(|(_, wanted)| wanted == observation) {
-                *candidate = nearest_free(track, taken);
-            }
+        // Along the path every row moves on by one column.
+        let mut to = free_column;
+        while let Some(before) = from[to] {
+            row_of[to] = row_of[before];
+            to = before;
         }
+        row_of[to] = Some(new_row);
     }
+    row_of
 }
 
 #[cfg(test)]
@@ -74,59 +126,93 @@ mod tests {
     use std::vec;
     use std::vec::Vec;
 
-    /// All admissible pairs, sorted, taken while free: the definition.
-    fn assign_by_sorting(
-        distances: &[Vec<Option<u8>>],
-        n_observations: usize,
-    ) -> Vec<Option<usize>> {
-        let mut pairs = Vec::new();
-        for (track, row) in distances.iter().enumerate() {
-            for (observation, distance) in row.iter().enumerate() {
-                pairs.extend(distance.map(|distance| (distance, track, observation)));
+    const UNSEEN: f64 = 7.0;
+
+    /// Least cost of all ways to give observations: the definition.
+    fn least_cost(costs: &[Vec<Option<u8>>], free: &mut [bool]) -> f64 {
+        let Some((track, rest)) = costs.split_first() else {
+            return 0.0;
+        };
+        let mut least = UNSEEN + least_cost(rest, free);
+        for (i, cost) in track.iter().enumerate() {
+            if let Some(cost) = cost
+                && free[i]
+            {
+                free[i] = false;
+                least = least.min(f64::from(*cost) + least_cost(rest, free));
+                free[i] = true;
             }
         }
-        pairs.sort_unstable();
-        let mut observation_of = vec![None; distances.len()];
-        let mut taken = vec![false; n_observations];
-        for (_, track, observation) in pairs {
-            if observation_of[track].is_none() && !taken[observation] {
-                observation_of[track] = Some(observation);
-                taken[observation] = true;
-            }
-        }
-        observation_of
+        least
     }
 
     #[test]
-    fn the_nearer_track_wins_and_the_loser_takes_the_next() {
-        let distances = [[Some(2.0), Some(5.0)], [Some(1.0), None]];
+    fn one_gives_way_where_all_gain() {
+        let costs = [[Some(2.0), Some(3.0)], [Some(1.0), None]];
         let mut observation_of = [None; 2];
         let mut taken = [false; 2];
-        assign_nearest(&mut observation_of, &mut taken, |t, o| distances[t][o]);
+        assign(
+            &mut observation_of,
+            &mut taken,
+            |t, o| costs[t][o],
+            |_| UNSEEN,
+        );
         assert_eq!(observation_of, [Some(1), Some(0)]);
+        assert_eq!(taken, [true; 2]);
+    }
+
+    #[test]
+    fn a_track_goes_without_rather_than_cost_the_others_more() {
+        let costs = [[Some(1.0), Some(20.0)], [Some(5.0), None]];
+        let mut observation_of = [None; 2];
+        assign(
+            &mut observation_of,
+            &mut [false; 2],
+            |t, o| costs[t][o],
+            |_| UNSEEN,
+        );
+        assert_eq!(observation_of, [Some(0), None]);
     }
 
     #[test]
     fn keeps_what_is_already_assigned() {
         let mut observation_of = [Some(1), None];
         let mut taken = [false, true];
-        assign_nearest(&mut observation_of, &mut taken, |_, _| Some(0.0));
+        assign(
+            &mut observation_of,
+            &mut taken,
+            |_, _| Some(0.0),
+            |_| UNSEEN,
+        );
         assert_eq!(observation_of, [Some(1), Some(0)]);
     }
 
     proptest! {
-        /// Few distinct distances, so that ties are common.
+        /// Few distinct costs, so that ties are common.
         #[test]
-        fn equals_sorting_all_pairs(
-            distances in (0_usize..9).prop_flat_map(|n| {
-                prop::collection::vec(prop::collection::vec(prop::option::of(0_u8..12), n), 0..9)
+        fn no_other_way_costs_less(
+            costs in (0_usize..6).prop_flat_map(|n| {
+                prop::collection::vec(prop::collection::vec(prop::option::of(0_u8..12), n), 0..6)
             }),
         ) {
-            let n_observations = distances.first().map_or(0, Vec::len);
-            let mut observation_of = vec![None; distances.len()];
+            let n_observations = costs.first().map_or(0, Vec::len);
+            let mut observation_of = vec![None; costs.len()];
             let mut taken = vec![false; n_observations];
-            assign_nearest(&mut observation_of, &mut taken, |t, o| distances[t][o].map(f64::from));
-            prop_assert_eq!(observation_of, assign_by_sorting(&distances, n_observations));
+            let cost = |t: usize, o: usize| costs[t][o].map(f64::from);
+            assign(&mut observation_of, &mut taken, cost, |_| UNSEEN);
+            let mut sum = 0.0;
+            let mut used = vec![false; n_observations];
+            for (track, observation) in observation_of.iter().enumerate() {
+                sum += match observation {
+                    Some(o) => {
+                        prop_assert!(!std::mem::replace(&mut used[*o], true));
+                        cost(track, *o).expect("an admissible pair")
+                    }
+                    None => UNSEEN,
+                };
+            }
+            prop_assert_eq!(&used, &taken);
+            prop_assert_eq!(sum, least_cost(&costs, &mut vec![true; n_observations]));
         }
     }
 }

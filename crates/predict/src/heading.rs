@@ -5,10 +5,12 @@ use core::f64::consts::PI;
 use libm::floor;
 
 use crate::NS_PER_S;
+use crate::experts::Steering;
+use crate::history::Sample;
 use crate::observation::Heading;
 
 /// Measurements of the turn rate's line fit.
-const MAX_ANGLES: usize = 5;
+pub(crate) const MAX_ANGLES: usize = 5;
 /// Standard deviation of the turn rate as long as one direction is all that is known, in rad/s.
 const UNKNOWN_RATE_RAD_S: f64 = 1.0;
 /// Variance of a direction of which nothing is known: even over the whole turn.
@@ -83,6 +85,25 @@ impl HeadingTrack {
             rad: wrapped(newest + self.rate_rad_s * age_s),
             variance: (self.variance + self.rate_variance * age_s * age_s).min(MAX_VARIANCE),
         })
+    }
+
+    /// How an object is steered whose newest places are given, oldest first; `None` where too few of them have a
+    /// direction.
+    pub(crate) fn steering(&self, samples: &[Sample]) -> Option<Steering> {
+        let mut steering = Steering {
+            rate_rad_s: self.rate_rad_s,
+            headings_rad: [0.0; MAX_ANGLES],
+            len: 0,
+        };
+        let read = self.times_ns[..self.len].iter().zip(&self.angles_rad);
+        for ((time_ns, angle), sample) in read.rev().zip(samples.iter().rev()) {
+            if *time_ns != sample.time_ns {
+                break;
+            }
+            steering.headings_rad[steering.len] = *angle;
+            steering.len += 1;
+        }
+        (steering.len > 1).then_some(steering)
     }
 
     /// Turn rate in rad/s, known from the second measurement on.

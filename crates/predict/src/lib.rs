@@ -2,17 +2,20 @@
 //! prediction of future positions in mobile robot navigation"; below: the paper).
 //!
 //! Once a frame, [`Tracker::update`] takes what was seen on the floor and decides which known object each sighting
-//! is, where the unseen ones are by now, and where all of them will be during the next [`MAX_FORECAST`] frame
-//! periods:
+//! is, where the unseen ones are by now, and where all of them will be during the next [`FARTHEST_S`] seconds:
 //!
 //! 1. `tracker`: identities. Every track is forecast to the frame's own time stamp, sightings are assigned to
-//!    tracks, a missing sighting is replaced by the forecast for a while, new things start tracks (section 3.1.1).
-//! 2. `assign`: which sighting belongs to which track, nearest pair first, each used once.
+//!    tracks, a missing sighting is replaced by the forecast for a while, new things start tracks (section 3.1.1). A robot
+//!    whose marker is read keeps its number wherever it turns up.
+//! 2. `assign`: which sighting belongs to which track, all at once at the least cost.
 //! 3. `merge`: which observations are of several objects that touch, and where in it each of them is.
 //! 4. `track`: what is known of one object; `history` and `heading` hold its samples.
-//! 5. `forecast`: three models look ahead and are mixed by how well each has done on this very track. `motion` has
-//!    the two classical ones, a straight line and a constant turn; `learner` the third, whose small neural
-//!    `network` is trained on line by backpropagation (section 3.1.2); `score` keeps the marks and the covariance.
+//! 5. `forecast`: a mixture of classical forecasts. `experts` are fits of a few kinds of `motion` to stretches of the past;
+//!    `marks` tell how each has done on this very track at each `horizon`; from these and from the motion itself (`inputs`) a
+//!    small neural `network` says how much of each goes into the `mixture`, and goes on learning on line by backpropagation
+//!    (section 3.1.2); `ellipse` says how wrong the result may be.
+//!
+//! The network starts from weights made beforehand of generated motions; [`training`] is for the program that makes them.
 //!
 //! # Units
 //!
@@ -22,7 +25,8 @@
 //!
 //! # Guarantees
 //!
-//! * Equal inputs give equal outputs: no clock, no randomness, no memory beside the [`Tracker`].
+//! * Equal inputs give equal outputs, on every machine: no clock, no randomness, no memory beside the [`Tracker`], and
+//!   mathematical functions of our own choice (`libm`) in one order.
 //! * Whatever the inputs, NaN and backward time stamps included, no call panics and every published number is
 //!   finite.
 //! * No heap. The work of a call is bounded by [`MAX_TRACKS`] and [`MAX_OBSERVATIONS`]; what does not fit is
@@ -30,10 +34,9 @@
 //!
 //! # Differences from the paper
 //!
-//! * The paper's network maps absolute positions to the next position and starts from nothing. Built literally, it is
-//!   98 px wrong 30 frames ahead on a straight line without noise, after 32 samples. Here the network starts as the
-//!   straight line through the last five positions and learns what the line gets wrong, in a frame that moves with the
-//!   object, and it counts only as far as it has proved itself (`forecast`).
+//! * The paper's network maps absolute positions to the next position, starts from nothing and is fed back on itself. Built
+//!   literally, it is 98 px wrong 30 frames ahead on a straight line without noise, after 32 samples. Here the network weighs
+//!   classical forecasts, for near and far at once, and starts from what it learned of generated motions (`forecast`).
 //! * The paper takes for each track the nearest observation, so two tracks may claim the same one. Here an
 //!   observation is used once (`assign`).
 //! * The paper makes the prediction the newest sample when an object is missed. Here the forecast of the last real
@@ -43,25 +46,31 @@
 //!
 //! # Deliberately absent
 //!
-//! Random numbers, pre-trained weights, a Kalman filter, knowledge of walls and of other objects, and any use of
-//! the marker's heading for the path: a robot on omnidirectional wheels turns without its path bending.
+//! Random numbers, a Kalman filter, and what other objects do.
 #![no_std]
 #![forbid(unsafe_code)]
 
 mod assign;
 mod covariance;
+mod ellipse;
+mod experts;
 mod forecast;
 mod heading;
 mod history;
-mod learner;
+mod horizon;
+mod inputs;
+mod marks;
 mod merge;
+mod mixture;
 mod motion;
 mod network;
 mod observation;
-mod score;
 mod track;
 mod tracker;
+pub mod training;
+mod vector;
 
+pub use horizon::FARTHEST_S;
 pub use observation::{Heading, Observation, Settings};
 pub use track::{ForecastPoint, Track};
 pub use tracker::{Tracker, Update};
@@ -70,12 +79,9 @@ pub use tracker::{Tracker, Update};
 pub const MAX_TRACKS: usize = 64;
 /// Most observations of one frame that are looked at; the rest is counted in [`Update::overflow`].
 pub const MAX_OBSERVATIONS: usize = 2 * MAX_TRACKS;
-/// Steps of a forecast, each [`Settings::forecast_step_s`] long.
-pub const MAX_FORECAST: usize = 15;
-
-/// Longest time, in forecast steps, over which anything is extrapolated: a coasting track is followed for
-/// [`MAX_FORECAST`] steps with a forecast of [`MAX_FORECAST`] steps before it. A longer pause between two frames
-/// counts as this long.
-const MAX_GAP_STEPS: f64 = 2.0 * MAX_FORECAST as f64;
+/// Points of a forecast.
+pub const MAX_FORECAST: usize = 20;
+/// Seconds from one point of a forecast to the next.
+pub const FORECAST_SPACING_S: f64 = horizon::FARTHEST_S / MAX_FORECAST as f64;
 
 const NS_PER_S: f64 = 1e9;

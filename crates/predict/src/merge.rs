@@ -27,12 +27,12 @@
 //! The extent is a circle: within a ring, or beside a long wall, it is too large, nothing stands alone there, and a touch is
 //! treated like any other loss of sight.
 
-use libm::sqrt;
+use libm::{fabs, sqrt};
 
-use crate::covariance::Covariance;
-use crate::motion::{add, norm_squared, scale, sub};
-use crate::observation::Observation;
+use crate::covariance::{Covariance, trace};
+use crate::observation::{Observation, Settings};
 use crate::track::Track;
+use crate::vector::{add, norm, norm_squared, scale, sub};
 use crate::{MAX_TRACKS, NS_PER_S};
 
 /// Frames in which a thing must have been seen by itself to be kept in a blob.
@@ -42,6 +42,13 @@ const LONGEST_MERGE_S: f64 = 30.0;
 /// Part of an object's area by which a blob must exceed the others in it for the object to be there too: closing fills gaps
 /// and corners round off, but an absent object leaves nothing.
 const LEAST_PART_OF_AREA: f64 = 0.5;
+/// By how much an object that passes another may seem nearer to or farther from the edge of their blob, in radii of its own, in
+/// [`Settings::gate_base`], and in standard deviations of the blob's position.
+const SLACK_RADII: f64 = 0.4;
+const SLACK_GATES: f64 = 0.2;
+const SLACK_DEVIATIONS: f64 = 2.0;
+/// Longest time for which two are thought to pass each other.
+const LONGEST_PASSING_S: f64 = 1.0;
 /// Time after which it is as uncertain as half of complete ignorance where in its blob an object is.
 const HALF_IGNORANCE_S: f64 = 2.0;
 /// Weight of a frame in the area of an object. Slow, so that a bad outline does not count; fast enough for the change
@@ -57,6 +64,8 @@ pub(crate) enum Sighting<'a> {
         observation: &'a Observation,
         /// Of nothing else, and out of the extent of everything else.
         alone: bool,
+        /// Its marker was read far from where it was expected: it was carried there.
+        carried: bool,
     },
     Merged(MergedBlob<'a>),
 }
@@ -107,6 +116,10 @@ pub(crate) struct Place {
     offset: [f64; 2],
     /// Extent of the blob.
     reach: f64,
+    /// Distance from the edge at which it went in.
+    from_edge: Option<f64>,
+    /// Whether it must have stopped or turned in the blob, since its forecast no longer fits.
+    stays: bool,
 }
 
 impl Place {
@@ -138,7 +151,30 @@ impl Place {
             measured,
             offset,
             reach: *reach,
+            from_edge: before.and_then(|before| before.from_edge),
+            stays: before.is_some_and(|before| before.stays),
         }
+    }
+
+    /// Whether the object can be where its own forecast has it: passing by, as far out in the blob as when it went in,
+    /// measured from the edge. Once it cannot, it must have stopped or turned, and the forecast is no longer asked.
+    pub(crate) fn passes(
+        &mut self,
+        blob: &Observation,
+        forecast: [f64; 2],
+        alone: &Alone,
+        now_ns: u64,
+        settings: &Settings,
+    ) -> bool {
+        let from_edge = blob.reach - norm(sub(forecast, [blob.x, blob.y]));
+        let entered = *self.from_edge.get_or_insert(from_edge);
+        let radius = sqrt(alone.area / core::f64::consts::PI);
+        let noise = sqrt(0.5 * trace(&blob.covariance));
+        let slack =
+            SLACK_RADII * radius + SLACK_GATES * settings.gate_base + SLACK_DEVIATIONS * noise;
+        self.stays |=
+            fabs(from_edge - entered) > slack || self.merged_s(now_ns) > LONGEST_PASSING_S;
+        !self.stays
     }
 
     pub(crate) fn position(&self, blob: &Observation) -> [f64; 2] {
@@ -159,6 +195,11 @@ impl Place {
     /// How far from its expected place the object may be found when it leaves the blob.
     pub(crate) fn reach(&self) -> f64 {
         self.reach
+    }
+
+    /// Whether it goes with the blob.
+    pub(crate) fn stays(&self) -> bool {
+        self.stays
     }
 
     /// Whether the object has not been seen by itself for too long.

@@ -1,9 +1,8 @@
-//! The classical forecasts: a straight line and a constant turn, fitted to an object's last samples by least
-//! squares.
+//! Motions that a few numbers describe, fitted to an object's last places by least squares: rest, a straight line,
+//! with walls or without, and a constant turn.
 //!
-//! Both are fitted in seconds and units relative to the newest sample, so that uneven frames and far-away origins
-//! do not matter. The line through the last five positions is the forecast that any other has to beat; the turn
-//! takes over where the path is an arc.
+//! Everything is relative to the newest place and its moment, in seconds and units, so that uneven frames and
+//! far-away origins do not matter.
 //!
 //! # The turn
 //!
@@ -22,160 +21,309 @@
 //! (the positive-part James-Stein factor): a rate that stands out of its own uncertainty stays, another vanishes
 //! and leaves a line.
 
-use libm::{atan2, cos, sin};
+use libm::{atan2, sincos, sinf};
 
-use crate::history::Sample;
+use crate::vector::{add, complex_mul, conjugate, norm_squared, scale, sub};
 
-/// Samples of the line fit.
-const LINE_SAMPLES: usize = 5;
-/// Samples of the turn fit.
-const TURN_SAMPLES: usize = 8;
-/// Fewest samples of the turn fit: five unknowns and three equations to spare, which tell the noise.
-const MIN_TURN_SAMPLES: usize = 4;
-/// Gauss-Newton steps from the chords' start; further ones change nothing that matters.
-const TURN_ITERATIONS: usize = 2;
-/// Fastest turn in radians a forecast step; beyond it five samples cover half a circle and the fit is ambiguous.
-const MAX_TURN_PER_STEP: f64 = 0.6;
+/// A place of the past relative to the newest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Point {
+    /// Seconds after the newest place, not positive.
+    pub(crate) time_s: f64,
+    pub(crate) place: [f64; 2],
+}
+
+/// Places ahead, relative to the newest place. Single precision: relative to a place nearby that is a millionth of
+/// the way, and it halves what a track weighs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Motion {
+    Rest {
+        origin: [f32; 2],
+    },
+    Line {
+        origin: [f32; 2],
+        velocity: [f32; 2],
+    },
+    Turn {
+        origin: [f32; 2],
+        velocity: [f32; 2],
+        rate_rad_s: f32,
+    },
+    /// A straight line thrown back by walls, at the angle of incidence.
+    Walled {
+        origin: [f32; 2],
+        velocity: [f32; 2],
+        /// Lowest and highest coordinates.
+        walls: [[f32; 2]; 2],
+    },
+}
+
+impl Motion {
+    pub(crate) const NONE: Self = Self::Rest { origin: [0.0; 2] };
+
+    /// Place `ahead_s` after the newest, relative to it.
+    pub(crate) fn at(&self, ahead_s: f32) -> [f32; 2] {
+        let along = |origin: &[f32; 2], velocity: &[f32; 2], time_s: f32| {
+            [
+                origin[0] + velocity[0] * time_s,
+                origin[1] + velocity[1] * time_s,
+            ]
+        };
+        match self {
+            Self::Rest { origin } => *origin,
+            Self::Line { origin, velocity } => along(origin, velocity, ahead_s),
+            Self::Turn {
+                origin,
+                velocity: [vx, vy],
+                rate_rad_s,
+            } => {
+                let angle = rate_rad_s * ahead_s;
+                let [c, s] = if angle.abs() < 1e-2 {
+                    [
+                        ahead_s * (1.0 - angle * angle / 6.0),
+                        ahead_s * (0.5 * angle),
+                    ]
+                } else {
+                    // 1 - cos by the half angle keeps the digits.
+                    let half = sinf(0.5 * angle);
+                    [sinf(angle) / rate_rad_s, 2.0 * half * half / rate_rad_s]
+                };
+                [origin[0] + vx * c - vy * s, origin[1] + vx * s + vy * c]
+            }
+            Self::Walled {
+                origin,
+                velocity,
+                walls,
+            } => {
+                let mut place = along(origin, velocity, ahead_s);
+                for (axis, place) in place.iter_mut().enumerate() {
+                    let (low, high) = (walls[0][axis], walls[1][axis]);
+                    if *place > high {
+                        *place = (2.0 * high - *place).max(low);
+                    } else if *place < low {
+                        *place = (2.0 * low - *place).min(high);
+                    }
+                }
+                place
+            }
+        }
+    }
+
+    /// Velocity at the newest moment.
+    pub(crate) fn velocity(&self) -> [f64; 2] {
+        match self {
+            Self::Rest { .. } => [0.0; 2],
+            Self::Line { velocity, .. }
+            | Self::Walled { velocity, .. }
+            | Self::Turn { velocity, .. } => velocity.map(f64::from),
+        }
+    }
+
+    /// Turn rate of the velocity.
+    pub(crate) fn turn_rate_rad_s(&self) -> f64 {
+        match self {
+            Self::Turn { rate_rad_s, .. } => f64::from(*rate_rad_s),
+            Self::Rest { .. } | Self::Line { .. } | Self::Walled { .. } => 0.0,
+        }
+    }
+
+    /// The mean of the points.
+    pub(crate) fn rest(points: &[Point]) -> Self {
+        let n = points.len() as f64;
+        let mean = points
+            .iter()
+            .fold([0.0; 2], |sum, point| add(sum, scale(point.place, 1.0 / n)));
+        Self::Rest {
+            origin: single(mean),
+        }
+    }
+
+    /// The line through the points; rest at the newest for fewer than two.
+    pub(crate) fn line(points: &[Point]) -> Self {
+        match Line::fit(points) {
+            Some(line) => Self::Line {
+                origin: single(line.origin),
+                velocity: single(line.velocity),
+            },
+            None => Self::NONE,
+        }
+    }
+
+    /// The line through the points between walls, given by their lowest and highest coordinates.
+    pub(crate) fn walled(points: &[Point], walls: [[f64; 2]; 2]) -> Self {
+        match Line::fit(points) {
+            Some(line) => Self::Walled {
+                origin: single(line.origin),
+                velocity: single(line.velocity),
+                walls: walls.map(single),
+            },
+            None => Self::NONE,
+        }
+    }
+
+    /// The turn through the points, no faster than given; a line for fewer than three or where they stay in place.
+    pub(crate) fn turn(points: &[Point], most_rad_s: f64) -> Self {
+        match turn(points, most_rad_s) {
+            Some((origin, velocity, rate)) => Self::Turn {
+                origin: single(origin),
+                velocity: single(velocity),
+                rate_rad_s: rate as f32,
+            },
+            None => Self::line(points),
+        }
+    }
+}
+
+fn single(vector: [f64; 2]) -> [f32; 2] {
+    vector.map(|component| component as f32)
+}
 
 /// Steady motion along a straight line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Line {
-    /// Fitted place at the newest sample's time.
-    origin: [f64; 2],
+    /// Fitted place at the newest moment.
+    pub(crate) origin: [f64; 2],
     /// Units a second.
     pub(crate) velocity: [f64; 2],
     n: f64,
-    /// Mean of the samples' times relative to the newest, not positive.
+    /// Mean of the times, not positive.
     mean_s: f64,
     /// Sum of the squared deviations of the times from their mean.
     spread_s2: f64,
 }
 
 impl Line {
-    /// Fits the last five samples or those there are; one sample, or none, gives no motion.
-    pub(crate) fn fit(samples: &[Sample]) -> Self {
-        let samples = last(samples, LINE_SAMPLES);
-        let Some(newest) = samples.last() else {
-            return Self::at_rest([0.0; 2]);
-        };
-        if samples.len() < 2 {
-            return Self::at_rest(newest.position);
+    /// `None` for fewer than two points.
+    pub(crate) fn fit(points: &[Point]) -> Option<Self> {
+        if points.len() < 2 {
+            return None;
         }
-        let n = samples.len() as f64;
+        let n = points.len() as f64;
         let mut mean_s = 0.0;
         let mut mean = [0.0; 2];
-        for sample in samples {
-            mean_s -= newest.seconds_since(sample) / n;
-            let relative = sub(sample.position, newest.position);
-            mean = add(mean, scale(relative, 1.0 / n));
+        for point in points {
+            mean_s += point.time_s;
+            mean = add(mean, point.place);
         }
+        mean_s /= n;
+        mean = scale(mean, 1.0 / n);
         let mut spread_s2 = 0.0;
         let mut moment = [0.0; 2];
-        for sample in samples {
-            let time_s = -newest.seconds_since(sample) - mean_s;
-            let relative = sub(sample.position, newest.position);
+        for point in points {
+            let time_s = point.time_s - mean_s;
             spread_s2 += time_s * time_s;
-            moment = add(moment, scale(sub(relative, mean), time_s));
+            moment = add(moment, scale(sub(point.place, mean), time_s));
         }
         let velocity = scale(moment, 1.0 / spread_s2);
-        let origin = add(newest.position, sub(mean, scale(velocity, mean_s)));
-        Self {
-            origin,
+        Some(Self {
+            origin: sub(mean, scale(velocity, mean_s)),
             velocity,
             n,
             mean_s,
             spread_s2,
-        }
+        })
     }
 
-    fn at_rest(origin: [f64; 2]) -> Self {
-        Self {
-            origin,
-            velocity: [0.0; 2],
-            n: 1.0,
-            mean_s: 0.0,
-            spread_s2: f64::INFINITY,
-        }
+    /// Place at a time after the newest moment.
+    pub(crate) fn at(&self, time_s: f64) -> [f64; 2] {
+        add(self.origin, scale(self.velocity, time_s))
     }
 
-    /// Place `ahead_s` seconds after the newest sample.
-    pub(crate) fn at(&self, ahead_s: f64) -> [f64; 2] {
-        add(self.origin, scale(self.velocity, ahead_s))
-    }
-
-    /// Variance of the place `ahead_s` after the newest sample that noise of variance 1 in every sample causes.
+    /// Variance of the place `ahead_s` after the newest moment that noise of variance 1 in every place causes.
     pub(crate) fn noise_gain(&self, ahead_s: f64) -> f64 {
         let from_mean_s = ahead_s - self.mean_s;
         1.0 / self.n + from_mean_s * from_mean_s / self.spread_s2
     }
+}
 
-    /// Whether a velocity could be measured at all.
-    pub(crate) fn has_velocity(&self) -> bool {
-        self.n > 1.5
+/// Place, velocity and acceleration at the newest moment; `None` for fewer than three points or too close ones.
+pub(crate) fn parabola(points: &[Point]) -> Option<[[f64; 2]; 3]> {
+    if points.len() < 3 {
+        return None;
     }
+    let n = points.len() as f64;
+    // Times from the middle in units of the longest, so that the sums are of the size of n.
+    let unit_s = -points.last()?.time_s;
+    let mean = points
+        .iter()
+        .map(|point| point.time_s / unit_s)
+        .sum::<f64>()
+        / n;
+    let (mut s2, mut s3, mut s4) = (0.0, 0.0, 0.0);
+    let (mut p0, mut p1, mut p2) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+    for point in points {
+        let t = point.time_s / unit_s - mean;
+        let t2 = t * t;
+        s2 += t2;
+        s3 += t2 * t;
+        s4 += t2 * t2;
+        p0 = add(p0, point.place);
+        p1 = add(p1, scale(point.place, t));
+        p2 = add(p2, scale(point.place, t2));
+    }
+    // Of the normal equations, the sum of t vanishes.
+    let determinant = s2 * (s4 - s2 * s2 / n) - s3 * s3;
+    let p2 = sub(p2, scale(p0, s2 / n));
+    let second = scale(sub(scale(p2, s2), scale(p1, s3)), 1.0 / determinant);
+    let first = scale(sub(p1, scale(second, s3)), 1.0 / s2);
+    let middle = scale(sub(p0, scale(second, s2)), 1.0 / n);
+    // From the middle to the newest moment.
+    let to = -mean;
+    let origin = add(middle, add(scale(first, to), scale(second, to * to)));
+    let velocity = scale(add(first, scale(second, 2.0 * to)), 1.0 / unit_s);
+    let acceleration = scale(second, 2.0 / (unit_s * unit_s));
+    let fit = [origin, velocity, acceleration];
+    fit.as_flattened()
+        .iter()
+        .all(|value| value.is_finite())
+        .then_some(fit)
 }
 
-/// Motion at constant speed and constant turn rate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Turn {
-    /// Fitted place at the newest sample's time.
-    origin: [f64; 2],
-    /// Units a second, at the newest sample's time.
-    velocity: [f64; 2],
-    /// Turn of the velocity in radians a second, from +x towards +y.
-    rate_rad_s: f64,
-}
+/// Gauss-Newton steps from the chords' start; further ones change nothing that matters.
+const TURN_ITERATIONS: usize = 2;
 
-impl Turn {
-    /// Fits the last eight samples or those there are; `None` with fewer than four or when they do not move.
-    pub(crate) fn fit(samples: &[Sample], step_s: f64) -> Option<Self> {
-        if samples.len() < MIN_TURN_SAMPLES {
-            return None;
+/// Place and velocity at the newest moment, and the turn rate; `None` for fewer than three points or if they do not
+/// move.
+fn turn(points: &[Point], most_rad_s: f64) -> Option<([f64; 2], [f64; 2], f64)> {
+    if points.len() < 3 {
+        return None;
+    }
+    let mut rate = rate_from_chords(points)?.clamp(-most_rad_s, most_rad_s);
+    let mut fit = TurnFit::of(points, rate)?;
+    // Three points determine the rate without remainder.
+    let iterations = if points.len() > 3 { TURN_ITERATIONS } else { 0 };
+    for _ in 0..iterations {
+        if fit.information > 0.0 {
+            rate = (rate + fit.gradient / fit.information).clamp(-most_rad_s, most_rad_s);
+            fit = TurnFit::of(points, rate)?;
         }
-        let samples = last(samples, TURN_SAMPLES);
-        let most = MAX_TURN_PER_STEP / step_s;
-        let mut rate = rate_from_chords(samples)?.clamp(-most, most);
-        for _ in 0..TURN_ITERATIONS {
-            let slope = RateSlope::of(samples, rate)?;
-            if slope.information > 0.0 {
-                rate = (rate + slope.gradient / slope.information).clamp(-most, most);
-            }
-        }
-        let rate_rad_s = rate * RateSlope::of(samples, rate)?.certainty(samples.len(), rate);
-        let (origin, velocity) = solve_linear(samples, rate_rad_s)?;
-        Some(Self {
-            origin,
-            velocity,
-            rate_rad_s,
-        })
     }
-
-    /// Place `ahead_s` seconds after the newest sample.
-    pub(crate) fn at(&self, ahead_s: f64) -> [f64; 2] {
-        let arc = arc(self.rate_rad_s, ahead_s);
-        add(self.origin, complex_mul(self.velocity, arc))
+    let certainty = fit.certainty(points.len(), rate);
+    if certainty < 1.0 {
+        rate *= certainty;
+        fit = TurnFit::of(points, rate)?;
     }
+    Some((fit.origin, fit.velocity, rate))
 }
 
-/// Angle between the chord over the older half of the samples and that over the newer half, by the time between the
+/// Angle between the chord over the older half of the points and that over the newer half, by the time between the
 /// middles of the two; `None` if a chord has no direction.
-fn rate_from_chords(samples: &[Sample]) -> Option<f64> {
-    let (oldest, newest) = (samples.first()?, samples.last()?);
-    let middle = &samples[samples.len() / 2];
-    let older = sub(middle.position, oldest.position);
-    let newer = sub(newest.position, middle.position);
-    let (cross, dot) = (
-        older[0] * newer[1] - older[1] * newer[0],
-        older[0] * newer[0] + older[1] * newer[1],
-    );
+fn rate_from_chords(points: &[Point]) -> Option<f64> {
+    let (newest, oldest) = (points.first()?, points.last()?);
+    let middle = &points[points.len() / 2];
+    let older = sub(middle.place, oldest.place);
+    let newer = sub(newest.place, middle.place);
+    let [dot, cross] = complex_mul(newer, conjugate(older));
     if cross == 0.0 && dot == 0.0 {
         return None;
     }
-    Some(atan2(cross, dot) / (0.5 * newest.seconds_since(oldest)))
+    Some(atan2(cross, dot) / (0.5 * -oldest.time_s))
 }
 
-/// How the squared residual of the best p0 and v changes with the turn rate.
-struct RateSlope {
+/// The best p0 and v for a turn rate, and how their squared residual changes with it.
+struct TurnFit {
+    origin: [f64; 2],
+    velocity: [f64; 2],
     /// Sum of squared residuals.
     residual: f64,
     /// Half the fall of `residual` for a small rise of the rate, for each rad/s.
@@ -184,38 +332,48 @@ struct RateSlope {
     information: f64,
 }
 
-impl RateSlope {
-    fn of(samples: &[Sample], rate: f64) -> Option<Self> {
-        let newest = samples.last()?;
-        let (origin, velocity) = solve_linear(samples, rate)?;
-        let n = samples.len() as f64;
-        let mut residual = 0.0;
-        let mut gradient = 0.0;
-        // Sums for taking out of the derivative what a change of p0 and v would take up.
-        let (mut arcs, mut arcs_squared) = ([0.0; 2], 0.0);
-        let (mut derivatives, mut derivatives_squared) = ([0.0; 2], 0.0);
-        let mut product = [0.0; 2];
-        for sample in samples {
-            let time_s = -newest.seconds_since(sample);
-            let arc = arc(rate, time_s);
-            let error = sub(sample.position, add(origin, complex_mul(velocity, arc)));
-            let derivative = complex_mul(velocity, arc_derivative(rate, time_s, arc));
-            residual += norm_squared(error);
-            gradient += error[0] * derivative[0] + error[1] * derivative[1];
-            arcs = add(arcs, arc);
-            arcs_squared += norm_squared(arc);
-            derivatives = add(derivatives, derivative);
-            derivatives_squared += norm_squared(derivative);
-            product = add(product, complex_mul(derivative, conjugate(arc)));
+impl TurnFit {
+    fn of(points: &[Point], rate: f64) -> Option<Self> {
+        let n = points.len() as f64;
+        // With residual r = p - p0 - v g and its derivative v g', both are made of the sums of these.
+        let (mut g, mut g_squared) = ([0.0; 2], 0.0);
+        let (mut d, mut d_squared, mut d_by_g) = ([0.0; 2], 0.0, [0.0; 2]);
+        let (mut p, mut p_squared, mut p_by_g, mut p_by_d) = ([0.0; 2], 0.0, [0.0; 2], [0.0; 2]);
+        for point in points {
+            let (arc, derivative) = arc(rate, point.time_s);
+            g = add(g, arc);
+            g_squared += norm_squared(arc);
+            d = add(d, derivative);
+            d_squared += norm_squared(derivative);
+            d_by_g = add(d_by_g, complex_mul(derivative, conjugate(arc)));
+            p = add(p, point.place);
+            p_squared += norm_squared(point.place);
+            p_by_g = add(p_by_g, complex_mul(point.place, conjugate(arc)));
+            p_by_d = add(p_by_d, complex_mul(point.place, conjugate(derivative)));
         }
-        let spread = arcs_squared - norm_squared(arcs) / n;
-        let shared = sub(
-            product,
-            scale(complex_mul(derivatives, conjugate(arcs)), 1.0 / n),
-        );
-        let information =
-            derivatives_squared - norm_squared(derivatives) / n - norm_squared(shared) / spread;
-        (information.is_finite() && gradient.is_finite()).then_some(Self {
+        // About the means, which takes p0 out.
+        let about = |product: [f64; 2], a: [f64; 2], b: [f64; 2]| {
+            sub(product, scale(complex_mul(a, conjugate(b)), 1.0 / n))
+        };
+        let g_spread = g_squared - norm_squared(g) / n;
+        let d_spread = d_squared - norm_squared(d) / n;
+        let d_by_g = about(d_by_g, d, g);
+        let p_by_g = about(p_by_g, p, g);
+        let p_by_d = about(p_by_d, p, d);
+        let velocity = scale(p_by_g, 1.0 / g_spread);
+        let origin = scale(sub(p, complex_mul(velocity, g)), 1.0 / n);
+        let residual =
+            (p_squared - norm_squared(p) / n - norm_squared(velocity) * g_spread).max(0.0);
+        // Real part of r by the conjugate of v g', summed.
+        let slope = sub(p_by_d, complex_mul(velocity, conjugate(d_by_g)));
+        let gradient = slope[0] * velocity[0] + slope[1] * velocity[1];
+        let information = norm_squared(velocity) * (d_spread - norm_squared(d_by_g) / g_spread);
+        let finite = velocity.iter().chain(&origin).all(|c| c.is_finite())
+            && gradient.is_finite()
+            && information.is_finite();
+        finite.then_some(Self {
+            origin,
+            velocity,
             residual,
             gradient,
             information,
@@ -223,11 +381,11 @@ impl RateSlope {
     }
 
     /// Part of the rate that stands out of its uncertainty: 1 - var(w)/w², or nothing.
-    fn certainty(&self, n_samples: usize, rate: f64) -> f64 {
-        let freedom = (2 * n_samples).saturating_sub(5) as f64;
+    fn certainty(&self, n_points: usize, rate: f64) -> f64 {
+        let freedom = (2 * n_points).saturating_sub(5) as f64;
         let variance = self.residual / freedom / self.information;
         let certainty = 1.0 - variance / (rate * rate);
-        // Samples that do not determine the rate give no information, and the comparison fails for what is then no
+        // Points that do not determine the rate give no information, and the comparison fails for what is then no
         // number.
         if self.information > 0.0 && certainty > 0.0 {
             certainty
@@ -237,185 +395,145 @@ impl RateSlope {
     }
 }
 
-/// Least squares for p0 and v when the turn rate is known.
-fn solve_linear(samples: &[Sample], rate: f64) -> Option<([f64; 2], [f64; 2])> {
-    let newest = samples.last()?;
-    let n = samples.len() as f64;
-    let (mut arcs, mut arcs_squared) = ([0.0; 2], 0.0);
-    let (mut places, mut product) = ([0.0; 2], [0.0; 2]);
-    for sample in samples {
-        let arc = arc(rate, -newest.seconds_since(sample));
-        let place = sub(sample.position, newest.position);
-        arcs = add(arcs, arc);
-        arcs_squared += norm_squared(arc);
-        places = add(places, place);
-        product = add(product, complex_mul(place, conjugate(arc)));
-    }
-    let spread = arcs_squared - norm_squared(arcs) / n;
-    let velocity = scale(
-        sub(
-            product,
-            scale(complex_mul(places, conjugate(arcs)), 1.0 / n),
-        ),
-        1.0 / spread,
-    );
-    let origin = scale(sub(places, complex_mul(velocity, arcs)), 1.0 / n);
-    let origin = add(newest.position, origin);
-    (velocity.iter().chain(&origin).all(|c| c.is_finite())).then_some((origin, velocity))
-}
-
-/// g(t) of the module's documentation; its series where the quotients lose their digits.
-fn arc(rate: f64, time_s: f64) -> [f64; 2] {
+/// g(t) of the module's documentation and its derivative by the turn rate; their series where the quotients lose
+/// their digits.
+fn arc(rate: f64, time_s: f64) -> ([f64; 2], [f64; 2]) {
     let angle = rate * time_s;
-    if angle.abs() < 1e-4 {
-        [time_s * (1.0 - angle * angle / 6.0), time_s * (0.5 * angle)]
-    } else {
-        [sin(angle) / rate, (1.0 - cos(angle)) / rate]
-    }
-}
-
-/// Derivative of g(t) by the turn rate, given g(t) itself.
-fn arc_derivative(rate: f64, time_s: f64, arc: [f64; 2]) -> [f64; 2] {
-    let angle = rate * time_s;
+    let squared = time_s * time_s;
     if angle.abs() < 1e-3 {
-        let squared = time_s * time_s;
-        [
-            -squared * angle / 3.0,
-            squared * (0.5 - angle * angle / 8.0),
-        ]
+        (
+            [time_s * (1.0 - angle * angle / 6.0), time_s * (0.5 * angle)],
+            [
+                -squared * angle / 3.0,
+                squared * (0.5 - angle * angle / 8.0),
+            ],
+        )
     } else {
-        // d/dw (sin wt)/w = (t cos wt - g_x)/w and likewise for y; cos and sin follow from g.
-        let (sine, cosine) = (arc[0] * rate, 1.0 - arc[1] * rate);
-        [
+        let (sine, cosine) = sincos(angle);
+        let arc = [sine / rate, (1.0 - cosine) / rate];
+        // d/dw (sin wt)/w = (t cos wt - g_x)/w and likewise for y.
+        let derivative = [
             (time_s * cosine - arc[0]) / rate,
             (time_s * sine - arc[1]) / rate,
-        ]
+        ];
+        (arc, derivative)
     }
-}
-
-/// The last `n` samples or those there are.
-fn last(samples: &[Sample], n: usize) -> &[Sample] {
-    &samples[samples.len().saturating_sub(n)..]
-}
-
-pub(crate) fn add(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0] + b[0], a[1] + b[1]]
-}
-
-pub(crate) fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0] - b[0], a[1] - b[1]]
-}
-
-pub(crate) fn scale(a: [f64; 2], by: f64) -> [f64; 2] {
-    [a[0] * by, a[1] * by]
-}
-
-pub(crate) fn norm_squared(a: [f64; 2]) -> f64 {
-    a[0] * a[0] + a[1] * a[1]
-}
-
-/// Product of complex numbers; with a unit vector, a rotation.
-pub(crate) fn complex_mul(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]]
-}
-
-pub(crate) fn conjugate(a: [f64; 2]) -> [f64; 2] {
-    [a[0], -a[1]]
 }
 
 #[cfg(test)]
 mod tests {
     extern crate std;
     use super::*;
+    use libm::{cos, sin};
     use std::vec::Vec;
 
-    const STEP_S: f64 = 1.0 / 15.0;
-
-    /// Samples of a path at uneven moments.
-    fn samples(n: usize, place: impl Fn(f64) -> [f64; 2]) -> Vec<Sample> {
-        (0..n)
-            .map(|i| {
-                let time_ns = 66_666_667 * i as u64 + 9_000_000 * (i as u64 % 3);
-                let position = place(time_ns as f64 / 1e9);
-                Sample { time_ns, position }
-            })
-            .collect()
+    /// Places of a path at uneven moments, newest first, and the newest moment.
+    fn points(n: usize, place: impl Fn(f64) -> [f64; 2]) -> (Vec<Point>, f64) {
+        let times: Vec<f64> = (0..n)
+            .map(|i| i as f64 / 15.0 + 0.009 * (i % 3) as f64)
+            .collect();
+        let newest_s = times[n - 1];
+        let newest = place(newest_s);
+        let points = times.iter().rev().map(|time_s| Point {
+            time_s: time_s - newest_s,
+            place: sub(place(*time_s), newest),
+        });
+        (points.collect(), newest_s)
     }
 
-    fn newest_s(samples: &[Sample]) -> f64 {
-        samples.last().expect("samples").time_ns as f64 / 1e9
+    fn error(motion: &Motion, ahead_s: f64, newest_s: f64, place: impl Fn(f64) -> [f64; 2]) -> f64 {
+        let expected = sub(place(newest_s + ahead_s), place(newest_s));
+        norm_squared(sub(motion.at(ahead_s as f32).map(f64::from), expected))
     }
 
     #[test]
     fn line_is_exact_on_a_line() {
         let place = |t: f64| [1000.0 + 30.0 * t, -7.0 * t];
         for n in 2..9 {
-            let samples = samples(n, place);
-            let line = Line::fit(&samples);
-            let error = sub(line.at(1.0), place(newest_s(&samples) + 1.0));
-            assert!(norm_squared(error) < 1e-18, "{n} samples: {error:?}");
-            assert!((line.velocity[0] - 30.0).abs() < 1e-9);
+            let (points, newest_s) = points(n, place);
+            let line = Motion::line(&points);
+            assert!(error(&line, 1.0, newest_s, place) < 1e-8, "{n} samples");
+            assert!((line.velocity()[0] - 30.0).abs() < 1e-5);
         }
+        assert_eq!(Motion::line(&[]), Motion::NONE);
     }
 
     #[test]
     fn line_through_three_points_by_hand() {
-        let places = [0.0, 0.0, 3.0];
-        let samples: Vec<Sample> = (0..3)
-            .map(|i| Sample {
-                time_ns: i as u64 * 1_000_000_000,
-                position: [places[i], 0.0],
-            })
-            .collect();
-        let line = Line::fit(&samples);
+        let at = |time_s: f64, x: f64| Point {
+            time_s,
+            place: [x, 0.0],
+        };
+        let line = Line::fit(&[at(0.0, 0.0), at(-1.0, -3.0), at(-2.0, -3.0)]).expect("points");
         assert!((line.velocity[0] - 1.5).abs() < 1e-12);
-        assert!((line.at(0.0)[0] - 2.5).abs() < 1e-12);
+        assert!((line.at(0.0)[0] + 0.5).abs() < 1e-12);
         // 1/3 + (1 + 1)²/2: one second after the newest, two after the mean time.
         assert!((line.noise_gain(1.0) - (1.0 / 3.0 + 2.0)).abs() < 1e-12);
     }
 
     #[test]
-    fn one_sample_stays_where_it_is() {
-        let samples = samples(1, |_| [3.0, 4.0]);
-        let line = Line::fit(&samples);
-        assert_eq!(line.at(1.0), [3.0, 4.0]);
-        assert!(!line.has_velocity());
-    }
-
-    #[test]
-    fn turn_is_exact_on_circles() {
+    fn turn_is_exact_on_circles_from_three_points_on() {
         for rate in [-4.0_f64, -0.5, 1e-3, 0.7, 3.0] {
             let place = |t: f64| [500.0 + 60.0 * sin(rate * t), 60.0 * cos(rate * t)];
-            for n in 4..12 {
-                let samples = samples(n, place);
-                let turn = Turn::fit(&samples, STEP_S).expect("a fit");
-                let error = sub(turn.at(1.0), place(newest_s(&samples) + 1.0));
-                assert!(norm_squared(error) < 1e-8, "{rate} {n}: {error:?}");
+            for n in 3..12 {
+                let (points, newest_s) = points(n, place);
+                let turn = Motion::turn(&points, 9.0);
+                let error = error(&turn, 1.0, newest_s, place);
+                assert!(error < 1e-6, "{rate} {n}: {error:?}");
             }
         }
     }
 
     #[test]
     fn turn_of_a_jittering_line_is_nearly_a_line() {
-        let samples = samples(8, |t| {
+        let (points, _) = points(8, |t| {
             let jitter = 0.3 * cos(core::f64::consts::PI * 15.0 * t);
             [50.0 * t, jitter]
         });
-        let turn = Turn::fit(&samples, STEP_S).expect("a fit");
-        assert!(turn.rate_rad_s.abs() < 0.2, "{turn:?}");
+        let rate = Motion::turn(&points, 9.0).turn_rate_rad_s();
+        assert!(rate.abs() < 0.2, "{rate}");
     }
 
     #[test]
     fn nothing_turns_at_rest() {
-        assert_eq!(Turn::fit(&samples(8, |_| [1.0, 2.0]), STEP_S), None);
+        let (points, _) = points(8, |_| [1.0, 2.0]);
+        let rest = Motion::turn(&points, 9.0);
+        assert_eq!((rest.at(2.0), rest.turn_rate_rad_s()), ([0.0; 2], 0.0));
+    }
+
+    #[test]
+    fn parabola_is_exact_on_one() {
+        let place = |t: f64| [3.0 * t * t - 2.0 * t, 5.0 * t + 1.0];
+        let (points, newest_s) = points(6, place);
+        let [origin, velocity, acceleration] = parabola(&points).expect("six points");
+        assert!(norm_squared(origin) < 1e-18);
+        let expected = [6.0 * newest_s - 2.0, 5.0];
+        assert!(
+            norm_squared(sub(velocity, expected)) < 1e-16,
+            "{velocity:?}"
+        );
+        assert!(norm_squared(sub(acceleration, [6.0, 0.0])) < 1e-16);
+    }
+
+    #[test]
+    fn walls_throw_a_line_back() {
+        let motion = Motion::Walled {
+            origin: [0.0; 2],
+            velocity: [10.0, 4.0],
+            walls: [[-5.0, -5.0], [6.0, 100.0]],
+        };
+        assert_eq!(motion.at(0.5), [5.0, 2.0]);
+        assert_eq!(motion.at(1.0), [2.0, 4.0]);
+        assert_eq!(motion.at(9.0)[0], -5.0, "not through the other wall");
     }
 
     #[test]
     fn derivative_of_the_arc_is_its_difference_quotient() {
         for (rate, time_s) in [(0.5, -0.4), (-3.0, 0.9), (1e-3, -0.5), (0.0, 0.3)] {
             let h = 1e-5;
-            let analytic = arc_derivative(rate, time_s, arc(rate, time_s));
-            let numeric = scale(sub(arc(rate + h, time_s), arc(rate - h, time_s)), 0.5 / h);
+            let (_, analytic) = arc(rate, time_s);
+            let [above, below] = [h, -h].map(|h| arc(rate + h, time_s).0);
+            let numeric = scale(sub(above, below), 0.5 / h);
             assert!(
                 norm_squared(sub(analytic, numeric)) < 1e-12,
                 "{rate} {time_s}: {analytic:?} {numeric:?}"

@@ -1,269 +1,316 @@
 //! The neural network of section 3.1.2: one hidden layer of tanh units, trained by backpropagation.
 //!
-//! Plain numbers in, two numbers out; what they mean is the business of `learner`. Output weights start at zero, so
-//! an untrained network says (0, 0); hidden weights start from a fixed hash, the same for every track. Inputs may
-//! be zero for want of samples: a weight of a zero input is not trained, so the network grows with its inputs.
+//! Plain numbers in, plain numbers out; what they mean is the business of `inputs` and `mixture`. It starts from weights
+//! that were made beforehand from generated motions, and every step of training pulls it back towards them, so that a
+//! track which has nothing to teach does not drift, and no weight can leave for ever. An input of zero trains no weight, so
+//! the network grows with its inputs.
 //!
-//! Cost of `forward` or `train`: about 2 or 6 times [`INPUTS`] x [`HIDDEN`] multiplications, and [`HIDDEN`] tanh.
+//! Cost: `forward` [`WEIGHTS`] multiplications and [`HIDDEN`] tanh, a step of training twice that.
 
 use libm::{sqrtf, tanhf};
 
-/// Inputs: x and y of the last six steps.
-pub(crate) const INPUTS: usize = 12;
-/// Units of the hidden layer.
-const HIDDEN: usize = 8;
-/// Fraction of the gradient followed by one training step.
-const RATE: f32 = 0.05;
-/// Error beyond which a sample pulls no harder (Huber's loss): one wild step must not tear the weights away.
-const MAX_PULL: f32 = 0.5;
-/// No weight leaves ±this.
-const MAX_WEIGHT: f32 = 8.0;
-/// Fraction of every output weight forgotten in a training step, so that a habit given up fades.
-const DECAY: f32 = 1e-4;
+use crate::inputs::INPUTS;
+use crate::mixture::OUTPUTS;
 
-/// Weights, and in the same shape their gradient.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Network {
-    hidden_weights: [[f32; INPUTS]; HIDDEN],
-    hidden_bias: [f32; HIDDEN],
-    output_weights: [[f32; HIDDEN]; 2],
-    output_bias: [f32; 2],
+/// Units of the hidden layer.
+pub const HIDDEN: usize = 16;
+/// Number of all weights.
+pub const WEIGHTS: usize = HIDDEN_WEIGHTS + OUTPUTS * OUTPUT_ROW;
+const HIDDEN_ROW: usize = INPUTS + 1;
+const HIDDEN_WEIGHTS: usize = HIDDEN * HIDDEN_ROW;
+const OUTPUT_ROW: usize = HIDDEN + 1;
+/// Steps of a stored start weight in one unit.
+pub const STORED_PER_UNIT: f32 = 1024.0;
+
+/// Weights, or in the same shape their gradient.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Network {
+    /// By hidden unit: its weight of every input, then its bias; after them by output: its weight of every unit, then
+    /// its bias.
+    pub weights: [f32; WEIGHTS],
 }
 
-impl Network {
-    const ZERO: Self = Self {
-        hidden_weights: [[0.0; INPUTS]; HIDDEN],
-        hidden_bias: [0.0; HIDDEN],
-        output_weights: [[0.0; HIDDEN]; 2],
-        output_bias: [0.0; 2],
-    };
+/// What the network says, and what backpropagation needs of how it came to it.
+#[derive(Debug, Clone, Copy)]
+pub struct Answer {
+    hidden: [f32; HIDDEN],
+    /// The network's outputs.
+    pub outputs: [f32; OUTPUTS],
+}
 
-    /// The start: small, different hidden weights and an output of zero.
-    pub(crate) const START: Self = {
-        let mut network = Self::ZERO;
-        let mut unit = 0;
-        while unit < HIDDEN {
-            let mut input = 0;
-            while input < INPUTS {
-                network.hidden_weights[unit][input] = start_weight(unit * INPUTS + input);
-                input += 1;
-            }
-            unit += 1;
-        }
-        network
+/// How a step of training goes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Descent {
+    /// Part of the gradient that is followed.
+    pub(crate) rate: f32,
+    /// Length beyond which a gradient is shortened: one wild sample must not tear the weights away.
+    pub(crate) most: f32,
+    /// Part of the way back to the start weights.
+    pub(crate) pull: f32,
+}
+
+static START: Network = Network::START;
+
+impl Network {
+    /// The start weights.
+    pub const START: Self = Self {
+        weights: stored(include_bytes!("start_weights.bin")),
     };
 
     /// The network's answer.
-    pub(crate) fn forward(&self, inputs: &[f32; INPUTS]) -> [f32; 2] {
-        self.output(&self.activate(inputs))
+    #[must_use]
+    pub fn forward(&self, inputs: &[f32; INPUTS]) -> Answer {
+        let (first, second) = self.weights.split_at(HIDDEN_WEIGHTS);
+        let mut hidden = [0.0; HIDDEN];
+        for (unit, row) in hidden.iter_mut().zip(first.chunks_exact(HIDDEN_ROW)) {
+            *unit = tanhf(row[INPUTS] + dot(&row[..INPUTS], inputs));
+        }
+        let mut outputs = [0.0; OUTPUTS];
+        for (output, row) in outputs.iter_mut().zip(second.chunks_exact(OUTPUT_ROW)) {
+            *output = row[HIDDEN] + dot(&row[..HIDDEN], &hidden);
+        }
+        Answer { hidden, outputs }
     }
 
-    /// One step of backpropagation towards `target`. Values that are not finite put the network back to its start.
-    pub(crate) fn train(&mut self, inputs: &[f32; INPUTS], target: [f32; 2]) {
-        let gradient = self.gradient(inputs, target);
-        let mut finite = true;
-        let mut descend = |weight: &mut f32, slope: f32, decay: f32| {
-            *weight = (*weight * (1.0 - decay) - RATE * slope).clamp(-MAX_WEIGHT, MAX_WEIGHT);
-            finite &= weight.is_finite();
-        };
-        for unit in 0..HIDDEN {
-            for input in 0..INPUTS {
-                descend(
-                    &mut self.hidden_weights[unit][input],
-                    gradient.hidden_weights[unit][input],
-                    0.0,
-                );
-            }
-            descend(&mut self.hidden_bias[unit], gradient.hidden_bias[unit], 0.0);
+    /// One step of backpropagation, given the derivatives of a loss by the outputs. Weights that are not finite
+    /// put the network back to its start.
+    pub(crate) fn train(
+        &mut self,
+        inputs: &[f32; INPUTS],
+        answer: &Answer,
+        by_outputs: &[f32; OUTPUTS],
+        descent: Descent,
+    ) {
+        let by_hidden = self.by_hidden(answer, by_outputs);
+        // The gradient's entries are products, so its length is made of those of the factors.
+        let length = sqrtf(
+            squared(by_outputs) * (1.0 + squared(&answer.hidden))
+                + squared(&by_hidden) * (1.0 + squared(inputs)),
+        );
+        let rate = descent.rate * (descent.most / length).min(1.0);
+        let (first, second) = self.weights.split_at_mut(HIDDEN_WEIGHTS);
+        let (first_start, second_start) = START.weights.split_at(HIDDEN_WEIGHTS);
+        let rows = first.chunks_exact_mut(HIDDEN_ROW);
+        let starts = first_start.chunks_exact(HIDDEN_ROW);
+        for ((row, start), slope) in rows.zip(starts).zip(by_hidden) {
+            descend(row, start, rate * slope, inputs, descent.pull);
         }
-        for axis in 0..2 {
-            for unit in 0..HIDDEN {
-                descend(
-                    &mut self.output_weights[axis][unit],
-                    gradient.output_weights[axis][unit],
-                    DECAY,
-                );
-            }
-            descend(
-                &mut self.output_bias[axis],
-                gradient.output_bias[axis],
-                DECAY,
-            );
+        let rows = second.chunks_exact_mut(OUTPUT_ROW);
+        let starts = second_start.chunks_exact(OUTPUT_ROW);
+        for ((row, start), slope) in rows.zip(starts).zip(by_outputs) {
+            descend(row, start, rate * slope, &answer.hidden, descent.pull);
         }
-        if !finite {
+        if !length.is_finite() {
             *self = Self::START;
         }
     }
 
-    fn activate(&self, inputs: &[f32; INPUTS]) -> [f32; HIDDEN] {
-        let mut activations = self.hidden_bias;
-        for (activation, weights) in activations.iter_mut().zip(&self.hidden_weights) {
-            for (weight, input) in weights.iter().zip(inputs) {
-                *activation += weight * input;
+    /// Derivatives by what goes into each hidden unit.
+    fn by_hidden(&self, answer: &Answer, by_outputs: &[f32; OUTPUTS]) -> [f32; HIDDEN] {
+        let mut by_hidden = [0.0; HIDDEN];
+        let rows = self.weights[HIDDEN_WEIGHTS..].chunks_exact(OUTPUT_ROW);
+        for (by, row) in by_outputs.iter().zip(rows) {
+            for (by_unit, weight) in by_hidden.iter_mut().zip(row) {
+                *by_unit += by * weight;
             }
-            *activation = tanhf(*activation);
         }
-        activations
+        for (by_unit, unit) in by_hidden.iter_mut().zip(&answer.hidden) {
+            *by_unit *= 1.0 - unit * unit;
+        }
+        by_hidden
     }
 
-    fn output(&self, activations: &[f32; HIDDEN]) -> [f32; 2] {
-        let mut output = self.output_bias;
-        for (value, weights) in output.iter_mut().zip(&self.output_weights) {
-            for (weight, activation) in weights.iter().zip(activations) {
-                *value += weight * activation;
-            }
-        }
-        output
+    /// The bias of an output.
+    pub fn output_bias(&mut self, output: usize) -> &mut f32 {
+        &mut self.weights[HIDDEN_WEIGHTS + output * OUTPUT_ROW + HIDDEN]
     }
 
-    /// Gradient of Huber's loss of (answer - target) by every weight.
-    fn gradient(&self, inputs: &[f32; INPUTS], target: [f32; 2]) -> Self {
-        let activations = self.activate(inputs);
-        let output = self.output(&activations);
-        let mut error = [output[0] - target[0], output[1] - target[1]];
-        let size = sqrtf(error[0] * error[0] + error[1] * error[1]);
-        if size > MAX_PULL {
-            error = error.map(|component| component * (MAX_PULL / size));
-        }
-        let mut gradient = Self::ZERO;
-        gradient.output_bias = error;
-        for (unit, activation) in activations.iter().enumerate() {
-            let mut back = 0.0;
-            for (axis, component) in error.iter().enumerate() {
-                gradient.output_weights[axis][unit] = component * activation;
-                back += component * self.output_weights[axis][unit];
+    /// Adds to `gradient` that of a loss whose derivatives by the outputs are given.
+    pub fn add_gradient(
+        &self,
+        inputs: &[f32; INPUTS],
+        answer: &Answer,
+        by_outputs: &[f32; OUTPUTS],
+        gradient: &mut Self,
+    ) {
+        let by_hidden = self.by_hidden(answer, by_outputs);
+        let (first, second) = gradient.weights.split_at_mut(HIDDEN_WEIGHTS);
+        for (row, slope) in first.chunks_exact_mut(HIDDEN_ROW).zip(by_hidden) {
+            for (value, input) in row.iter_mut().zip(inputs) {
+                *value += slope * input;
             }
-            let slope = back * (1.0 - activation * activation);
-            gradient.hidden_bias[unit] = slope;
-            for (weight, input) in gradient.hidden_weights[unit].iter_mut().zip(inputs) {
-                *weight = slope * input;
-            }
+            row[INPUTS] += slope;
         }
-        gradient
+        for (row, slope) in second.chunks_exact_mut(OUTPUT_ROW).zip(by_outputs) {
+            for (value, unit) in row.iter_mut().zip(&answer.hidden) {
+                *value += slope * unit;
+            }
+            row[HIDDEN] += slope;
+        }
+    }
+
+    /// Whether a weight belongs to the row of an expert: hidden units, and what is said for or against the experts. The
+    /// others, sharpness and ellipses, are few and need no restraint.
+    #[must_use]
+    pub fn is_restrained(weight: usize) -> bool {
+        weight < HIDDEN_WEIGHTS
+            || (weight - HIDDEN_WEIGHTS) / OUTPUT_ROW % crate::mixture::ROW
+                < crate::experts::EXPERTS
     }
 }
 
-/// The `index`-th start weight, evenly spread over ±1/√(INPUTS/4): Knuth's multiplicative hash with a final mix of
-/// the upper bits.
-const fn start_weight(index: usize) -> f32 {
-    let mut hash = (index as u32 + 1).wrapping_mul(2_654_435_761);
-    hash ^= hash >> 15;
-    hash = hash.wrapping_mul(2_246_822_519);
-    hash ^= hash >> 13;
-    let unit = (hash >> 8) as f32 / (1 << 24) as f32;
-    (2.0 * unit - 1.0) * 0.577
+/// Moves a unit's weights, the bias behind the others, down the gradient and towards the start.
+fn descend(row: &mut [f32], start: &[f32], step: f32, inputs: &[f32], pull: f32) {
+    let n = inputs.len();
+    for ((weight, start), input) in row.iter_mut().zip(start).zip(inputs) {
+        *weight -= step * input + pull * (*weight - start);
+    }
+    row[n] -= step + pull * (row[n] - start[n]);
+}
+
+fn squared(values: &[f32]) -> f32 {
+    dot(values, values)
+}
+
+/// In eight sums that a processor can add side by side, always in the same order, so that the result is the same everywhere.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0.0_f32; 8];
+    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest = a.remainder().iter().zip(b.remainder());
+    let rest: f32 = rest.map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    sums.iter().sum::<f32>() + rest
+}
+
+/// Stored weights: 16 bits each, little-endian; all zero for no bytes, from which a network of a new shape is made first.
+const fn stored(bytes: &[u8]) -> [f32; WEIGHTS] {
+    let mut weights = [0.0; WEIGHTS];
+    if bytes.is_empty() {
+        return weights;
+    }
+    assert!(
+        bytes.len() == 2 * WEIGHTS,
+        "start_weights.bin is of a network of another shape: empty the file and train anew"
+    );
+    let mut i = 0;
+    while i < WEIGHTS {
+        let steps = i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
+        weights[i] = steps as f32 / STORED_PER_UNIT;
+        i += 1;
+    }
+    weights
 }
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
+    use std::vec::Vec;
 
-    const INPUT: [f32; INPUTS] = [1.0, 0.1, 0.9, -0.2, 1.1, 0.3, 0.7, -0.1, 1.0, 0.0, 0.8, 0.2];
+    const DESCENT: Descent = Descent {
+        rate: 0.01,
+        most: 1.0,
+        pull: 0.0,
+    };
 
-    /// Huber's loss, whose gradient `gradient` claims to be.
-    fn loss(network: &Network, target: [f32; 2]) -> f64 {
-        let output = network.forward(&INPUT);
-        let size = libm::hypot(
-            f64::from(output[0] - target[0]),
-            f64::from(output[1] - target[1]),
-        );
-        let bend = f64::from(MAX_PULL);
-        if size <= bend {
-            0.5 * size * size
-        } else {
-            bend * (size - 0.5 * bend)
-        }
+    fn inputs(seed: usize) -> [f32; INPUTS] {
+        core::array::from_fn(|i| ((i * 7 + seed * 3) % 11) as f32 / 5.5 - 1.0)
     }
 
-    /// Some network whose every weight matters.
-    fn trained() -> Network {
-        let mut network = Network::START;
-        for _ in 0..30 {
-            network.train(&INPUT, [0.6, -0.4]);
-        }
-        network
-    }
-
-    #[test]
-    fn starts_by_saying_nothing() {
-        assert_eq!(Network::START.forward(&INPUT), [0.0, 0.0]);
-        let weights = Network::START.hidden_weights.as_flattened();
-        let mean = weights.iter().sum::<f32>() / weights.len() as f32;
-        assert!(mean.abs() < 0.1, "mean {mean}");
-        assert!(weights.iter().any(|w| *w > 0.4) && weights.iter().any(|w| *w < -0.4));
+    /// Half the squared distance from a target, and its derivatives by the outputs.
+    fn loss(answer: &Answer, target: &[f32; OUTPUTS]) -> (f64, [f32; OUTPUTS]) {
+        let errors = core::array::from_fn(|i| answer.outputs[i] - target[i]);
+        let sum = errors
+            .iter()
+            .map(|e| 0.5 * f64::from(*e) * f64::from(*e))
+            .sum();
+        (sum, errors)
     }
 
     #[test]
     fn gradient_is_the_difference_quotient() {
-        // The second target lies in the straight part of the loss.
-        for target in [[0.3, 0.2], [-4.0, 3.0]] {
-            let network = trained();
-            let gradient = network.gradient(&INPUT, target);
-            let check = |name: &str, analytic: f32, change: &dyn Fn(&mut Network, f32)| {
-                let h = 1e-2;
-                let (mut above, mut below) = (network, network);
-                change(&mut above, h);
-                change(&mut below, -h);
-                let numeric = (loss(&above, target) - loss(&below, target)) / f64::from(2.0 * h);
-                let difference = (numeric - f64::from(analytic)).abs();
-                assert!(difference < 2e-4, "{name}: {analytic} against {numeric}");
+        let network = Network::START;
+        let (inputs, target) = (inputs(1), [0.3; OUTPUTS]);
+        let answer = network.forward(&inputs);
+        let (_, by_outputs) = loss(&answer, &target);
+        let mut gradient = Network {
+            weights: [0.0; WEIGHTS],
+        };
+        network.add_gradient(&inputs, &answer, &by_outputs, &mut gradient);
+        for weight in (0..WEIGHTS).step_by(37) {
+            let at = |by: f32| {
+                let mut changed = network.clone();
+                changed.weights[weight] += by;
+                loss(&changed.forward(&inputs), &target).0
             };
-            for unit in 0..HIDDEN {
-                check("hidden bias", gradient.hidden_bias[unit], &|n, h| {
-                    n.hidden_bias[unit] += h;
-                });
-                for input in 0..INPUTS {
-                    let analytic = gradient.hidden_weights[unit][input];
-                    check("hidden weight", analytic, &|n, h| {
-                        n.hidden_weights[unit][input] += h;
-                    });
-                }
-                for axis in 0..2 {
-                    let analytic = gradient.output_weights[axis][unit];
-                    check("output weight", analytic, &|n, h| {
-                        n.output_weights[axis][unit] += h;
-                    });
-                }
-            }
-            for axis in 0..2 {
-                check("output bias", gradient.output_bias[axis], &|n, h| {
-                    n.output_bias[axis] += h;
-                });
-            }
+            let numeric = (at(0.01) - at(-0.01)) / 0.02;
+            let analytic = f64::from(gradient.weights[weight]);
+            assert!(
+                (numeric - analytic).abs() < 1e-2 * (1.0 + analytic.abs()),
+                "{weight}: {numeric} {analytic}"
+            );
         }
     }
 
     #[test]
-    fn learns_a_curve() {
-        let mut network = Network::START;
-        let sample = |i: usize| {
-            let x = (i % 21) as f32 / 10.0 - 1.0;
-            let mut inputs = [0.0; INPUTS];
-            inputs[0] = x;
-            (inputs, [0.4 * x * x, -0.3 * x])
-        };
-        for i in 0..20_000 {
-            let (inputs, target) = sample(i * 8);
-            network.train(&inputs, target);
+    fn a_step_of_training_goes_down_the_gradient_and_no_further_than_allowed() {
+        let (inputs, target) = (inputs(2), [-0.4; OUTPUTS]);
+        for most in [1e9, 0.5] {
+            let mut network = Network::START;
+            let answer = network.forward(&inputs);
+            let (before, by_outputs) = loss(&answer, &target);
+            let mut gradient = Network {
+                weights: [0.0; WEIGHTS],
+            };
+            network.add_gradient(&inputs, &answer, &by_outputs, &mut gradient);
+            let length = squared(&gradient.weights).sqrt();
+            let descent = Descent {
+                rate: 1e-3,
+                most,
+                ..DESCENT
+            };
+            network.train(&inputs, &answer, &by_outputs, descent);
+            let moved: Vec<f32> = (network.weights.iter().zip(&START.weights))
+                .map(|(now, start)| now - start)
+                .collect();
+            let expected = 1e-3 * length.min(most);
+            let moved = squared(&moved).sqrt();
+            assert!((moved / expected - 1.0).abs() < 0.02, "{moved} {expected}");
+            assert!(loss(&network.forward(&inputs), &target).0 < before);
         }
-        for i in 0..21 {
-            let (inputs, target) = sample(i);
-            let output = network.forward(&inputs);
-            assert!(
-                (output[0] - target[0]).abs() < 0.1 && (output[1] - target[1]).abs() < 0.1,
-                "{output:?} for {target:?}"
-            );
+    }
+
+    #[test]
+    fn goes_back_to_its_start_when_there_is_nothing_to_learn() {
+        let mut network = Network::START;
+        for weight in &mut network.weights {
+            *weight += 0.5;
+        }
+        let descent = Descent {
+            pull: 0.01,
+            ..DESCENT
+        };
+        for _ in 0..2000 {
+            let answer = network.forward(&inputs(3));
+            network.train(&inputs(3), &answer, &[0.0; OUTPUTS], descent);
+        }
+        for (weight, start) in network.weights.iter().zip(&START.weights) {
+            assert!((weight - start).abs() < 1e-4);
         }
     }
 
     #[test]
     fn starts_again_when_a_number_is_not_finite() {
         for bad in [f32::NAN, f32::INFINITY] {
-            let mut network = trained();
-            network.train(&INPUT, [bad, 0.0]);
+            let mut network = Network::START;
+            let answer = network.forward(&inputs(4));
+            network.train(&inputs(4), &answer, &[bad; OUTPUTS], DESCENT);
             assert_eq!(network, Network::START);
-            let mut network = trained();
-            network.train(&[bad; INPUTS], [0.0; 2]);
+            network.train(&[bad; INPUTS], &answer, &[1.0; OUTPUTS], DESCENT);
             assert_eq!(network, Network::START);
         }
     }

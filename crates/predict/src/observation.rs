@@ -4,6 +4,9 @@ use crate::covariance::semidefinite;
 
 /// A place further out than this is a fault of the caller's arithmetic, not a place on a floor, in any unit.
 const MAX_COORDINATE: f64 = 1e9;
+/// Longest gap in seconds, and in frames where these are slow.
+const LONGEST_GAP_S: f64 = 2.0;
+const LEAST_GAP_FRAMES: f64 = 4.0;
 const MAX_VARIANCE: f64 = MAX_COORDINATE * MAX_COORDINATE;
 
 /// One thing seen in one frame.
@@ -38,8 +41,8 @@ pub struct Heading {
 /// What the tracker must know about the scene. Lengths are in the unit of the observations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Nominal time between two frames in seconds, and the step of the forecasts.
-    pub forecast_step_s: f64,
+    /// Nominal time between two frames in seconds.
+    pub frame_period_s: f64,
     /// Speed of the fastest object in units a second.
     pub top_speed: f64,
     /// Distance by which an object at rest may be found beside its forecast: noise and a change of shape, in units.
@@ -58,7 +61,7 @@ impl Default for Settings {
     /// For observations in pixels of a 640x480 picture at 15 frames a second.
     fn default() -> Self {
         Self {
-            forecast_step_s: 1.0 / 15.0,
+            frame_period_s: 1.0 / 15.0,
             top_speed: 300.0,
             gate_base: 8.0,
             marker_offset: 8.0,
@@ -92,7 +95,7 @@ impl Settings {
         };
         let default = Self::default();
         Self {
-            forecast_step_s: within(self.forecast_step_s, default.forecast_step_s, 1e-4, 10.0),
+            frame_period_s: within(self.frame_period_s, default.frame_period_s, 1e-4, 10.0),
             top_speed: within(self.top_speed, default.top_speed, 0.0, MAX_COORDINATE),
             gate_base: within(self.gate_base, default.gate_base, 0.0, MAX_COORDINATE),
             marker_offset: within(
@@ -106,9 +109,14 @@ impl Settings {
         }
     }
 
+    /// Longest time over which anything is extrapolated. A longer pause between two frames counts as this long.
+    pub(crate) fn longest_gap_s(&self) -> f64 {
+        LONGEST_GAP_S.max(LEAST_GAP_FRAMES * self.frame_period_s)
+    }
+
     /// Speed that no forecast exceeds, in units a second: what the gate can follow from frame to frame.
     pub(crate) fn speed_limit(&self) -> f64 {
-        3.0 * self.top_speed + self.gate_base / self.forecast_step_s
+        3.0 * self.top_speed + self.gate_base / self.frame_period_s
     }
 }
 
@@ -190,14 +198,14 @@ mod tests {
     #[test]
     fn repairs_settings_that_are_no_numbers() {
         let settings = Settings {
-            forecast_step_s: f64::NAN,
+            frame_period_s: f64::NAN,
             top_speed: f64::INFINITY,
             gate_base: -1.0,
             confirm: 0,
             ..Settings::default()
         }
         .checked();
-        assert_eq!(settings.forecast_step_s, 1.0 / 15.0);
+        assert_eq!(settings.frame_period_s, 1.0 / 15.0);
         assert_eq!(settings.top_speed, MAX_COORDINATE);
         assert_eq!(settings.gate_base, 0.0);
         assert_eq!(settings.confirm, 1);

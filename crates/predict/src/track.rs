@@ -22,21 +22,40 @@
 //! it is pushed or carried along, and whether it stands still. When it comes apart from the others, the difference
 //! between where it was thought to be and where it is says nothing of its motion: a jump like that of another measured point.
 
+use crate::FORECAST_SPACING_S;
 use crate::MAX_FORECAST;
 use crate::NS_PER_S;
 use crate::covariance::{Covariance, semidefinite};
-use crate::forecast::{Forecast, Forecaster, LEAST_SPACING_STEPS};
+use crate::forecast::{Forecast, Forecaster, Walls};
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
 use crate::merge::{Alone, MergedBlob, Place};
-use crate::motion::{add, scale, sub};
 use crate::observation::{Heading, Observation, Settings};
+use crate::vector::{add, scale, sub};
+
+/// Frames closer together than this part of the frame period are not kept apart in the history.
+const LEAST_SPACING_FRAMES: f64 = 0.05;
+/// Longest pause in the readings of a marker, in seconds and in frames where these are slow, over which its turns are
+/// counted.
+const LONGEST_HEADING_GAP_S: f64 = 1.0;
+const LEAST_HEADING_GAP_FRAMES: f64 = 2.0;
+
+/// The frame that a track lives through.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Now<'a> {
+    /// Its moment on the tracker's clock.
+    pub(crate) ns: u64,
+    pub(crate) walls: Walls,
+    pub(crate) settings: &'a Settings,
+}
 
 /// An object with an identity.
 #[derive(Debug, Clone)]
 pub struct Track {
     id: u64,
     marker: Option<u32>,
+    /// The last marker that was read on it, also after it was given up.
+    known_as: Option<u32>,
     observed: Option<usize>,
     pose_observed: bool,
     position: [f64; 2],
@@ -44,6 +63,8 @@ pub struct Track {
     velocity: [f64; 2],
     heading: Option<Heading>,
     age_frames: u64,
+    started_ns: u64,
+    age_ns: u64,
     sightings: u32,
     misses: u32,
     /// Frames on end in which a marked track's marker was not read.
@@ -56,6 +77,8 @@ pub struct Track {
     place: Option<Place>,
     points: [ForecastPoint; MAX_FORECAST],
     ahead: Forecast,
+    /// Seconds from the newest sample to the frame.
+    coasted_s: f64,
     history: History,
     headings: HeadingTrack,
     forecaster: Forecaster,
@@ -127,10 +150,19 @@ impl Track {
         self.heading
     }
 
-    /// Turn rate of the heading in rad/s, from the second measured heading on.
+    /// Turn rate in rad/s: of the marker from its second reading on, otherwise of the direction of motion as the experts of the
+    /// forecast see it.
     #[must_use]
-    pub fn turn_rate(&self) -> Option<f64> {
-        self.headings.rate_rad_s()
+    pub fn turn_rate_rad_s(&self) -> f64 {
+        self.headings
+            .rate_rad_s()
+            .unwrap_or(self.ahead.turn_rate_rad_s)
+    }
+
+    /// Seconds since the first sighting.
+    #[must_use]
+    pub fn age_s(&self) -> f64 {
+        self.age_ns as f64 / NS_PER_S
     }
 
     /// Frames since the first sighting, that one included.
@@ -152,9 +184,27 @@ impl Track {
         &self.points
     }
 
-    pub(crate) const EMPTY: Self = Self {
+    /// Where the object will be `dt_s` seconds after this frame's time stamp, at any moment up to
+    /// [`FARTHEST_S`](crate::FARTHEST_S) and straight on a little beyond: the curve that the points of
+    /// [`forecast`](Self::forecast) lie on. A moment before the frame counts as the frame's.
+    #[must_use]
+    pub fn forecast_at(&self, dt_s: f64) -> ForecastPoint {
+        let dt_s = dt_s.max(0.0);
+        let (place, covariance) = self.ahead.at(self.coasted_s + dt_s);
+        let [x, y] = add(place, self.shift);
+        ForecastPoint {
+            dt_s,
+            x,
+            y,
+            covariance,
+        }
+    }
+
+    /// No track: a place for one.
+    pub const EMPTY: Self = Self {
         id: 0,
         marker: None,
+        known_as: None,
         observed: None,
         pose_observed: false,
         position: [0.0; 2],
@@ -162,6 +212,8 @@ impl Track {
         velocity: [0.0; 2],
         heading: None,
         age_frames: 0,
+        started_ns: 0,
+        age_ns: 0,
         sightings: 0,
         misses: 0,
         unread: 0,
@@ -175,6 +227,7 @@ impl Track {
             covariance: [[0.0; 2]; 2],
         }; MAX_FORECAST],
         ahead: Forecast::EMPTY,
+        coasted_s: 0.0,
         history: History::EMPTY,
         headings: HeadingTrack::EMPTY,
         forecaster: Forecaster::START,
@@ -186,11 +239,14 @@ impl Track {
         index: usize,
         observation: &Observation,
         alone: bool,
-        now_ns: u64,
-        settings: &Settings,
+        now: Now<'_>,
     ) -> Self {
-        let mut track = Self { id, ..Self::EMPTY };
-        track.sight(index, observation, alone, now_ns, settings);
+        let mut track = Self {
+            id,
+            started_ns: now.ns,
+            ..Self::EMPTY
+        };
+        track.sight(index, observation, alone, now);
         track
     }
 
@@ -227,131 +283,150 @@ impl Track {
         self.place.map_or(0.0, |place| place.reach())
     }
 
+    /// The marker of the robot that it is or was.
+    pub(crate) fn known_as(&self) -> Option<u32> {
+        self.known_as
+    }
+
+    /// Tells that the robot was carried elsewhere: how it moved does not matter any more, how it uses to move does.
+    pub(crate) fn put_down(&mut self) {
+        self.history = History::EMPTY;
+        self.headings = HeadingTrack::EMPTY;
+        self.forecaster.measured_elsewhere();
+        self.place = None;
+    }
+
     /// Takes this frame's observation of the object. `alone`: nothing else is in it or near.
     pub(crate) fn sight(
         &mut self,
         index: usize,
         observation: &Observation,
         alone: bool,
-        now_ns: u64,
-        settings: &Settings,
+        now: Now<'_>,
     ) {
         if alone {
             self.alone.see(observation);
         }
-        let came_apart = self.place.is_some();
+        let came_apart = self.place.is_some_and(|place| place.stays());
         self.age_frames += 1;
         self.sightings = self.sightings.saturating_add(1);
         self.misses = 0;
         self.observed = Some(index);
         match (self.marker, observation.marker) {
-            (Some(_), None) if self.unread < settings.max_misses => {
+            (Some(_), None) if self.unread < now.settings.max_misses => {
                 self.unread += 1;
-                self.follow(observation, now_ns, settings);
+                self.follow(observation, now);
             }
             (Some(_), None) => {
                 self.headings = HeadingTrack::EMPTY;
-                self.measure_elsewhere(observation, now_ns);
-                self.measure(observation, now_ns, settings);
+                self.measure_elsewhere(observation, now.ns);
+                self.measure(observation, now);
             }
             (known, read) if came_apart || (known.is_none() && read.is_some()) => {
-                self.measure_elsewhere(observation, now_ns);
-                self.measure(observation, now_ns, settings);
+                self.measure_elsewhere(observation, now.ns);
+                self.measure(observation, now);
             }
-            _ => self.measure(observation, now_ns, settings),
+            _ => self.measure(observation, now),
         }
-        self.publish_ahead(now_ns, settings);
+        self.publish_ahead(now.ns);
     }
 
     /// Takes this frame's observation of the object and others that it touches.
-    pub(crate) fn merge(&mut self, blob: &MergedBlob, now_ns: u64, settings: &Settings) {
+    pub(crate) fn merge(&mut self, blob: &MergedBlob, now: Now<'_>) {
         self.age_frames += 1;
         self.misses = 0;
         self.observed = blob.leads.then_some(blob.index);
         self.pose_observed = false;
-        let (expected, _) = self.expected(now_ns);
+        let (expected, _) = self.expected(now.ns);
+        let last_alone_ns = self
+            .history
+            .newest()
+            .map_or(now.ns, |newest| newest.time_ns);
+        let mut place = Place::take(self.place, blob, expected, last_alone_ns);
+        if place.passes(
+            blob.observation,
+            expected,
+            &self.alone,
+            now.ns,
+            now.settings,
+        ) {
+            self.place = Some(place);
+            self.coast(now);
+            self.publish_ahead(now.ns);
+            return;
+        }
+        self.place = Some(place);
         if self.shift != [0.0; 2] {
             self.history.translate(self.shift);
             self.forecaster.measured_elsewhere();
             self.shift = [0.0; 2];
         }
-        let last_alone_ns = self
-            .history
-            .newest()
-            .map_or(now_ns, |newest| newest.time_ns);
-        let place = Place::take(self.place, blob, expected, last_alone_ns);
-        self.place = Some(place);
-        self.heading = self.headings.at(now_ns);
+        self.heading = self.headings.at(now.ns);
         self.go_on_from(
             place.position(blob.observation),
-            place.covariance(blob.observation, now_ns),
-            now_ns,
-            settings,
+            place.covariance(blob.observation, now.ns),
+            now,
         );
-        self.publish_ahead(now_ns, settings);
+        self.publish_ahead(now.ns);
     }
 
     /// Lives through a frame in which the object was not seen.
-    pub(crate) fn miss(&mut self, now_ns: u64, settings: &Settings) {
+    pub(crate) fn miss(&mut self, now: Now<'_>) {
         self.age_frames += 1;
         self.misses = self.misses.saturating_add(1);
         self.unread = self.unread.saturating_add(1);
         self.observed = None;
-        self.coast(now_ns, settings);
-        self.publish_ahead(now_ns, settings);
+        self.coast(now);
+        self.publish_ahead(now.ns);
     }
 
     /// The observation is the pose: take it, learn from it, look ahead from it.
-    fn measure(&mut self, observation: &Observation, now_ns: u64, settings: &Settings) {
-        let step_s = settings.forecast_step_s;
+    fn measure(&mut self, observation: &Observation, now: Now<'_>) {
+        let period_s = now.settings.frame_period_s;
         self.marker = observation.marker;
+        self.known_as = observation.marker.or(self.known_as);
         self.unread = 0;
         self.shift = [0.0; 2];
         self.place = None;
         self.pose_observed = true;
         if let Some(heading) = observation.heading {
+            let longest_gap_s = LONGEST_HEADING_GAP_S.max(LEAST_HEADING_GAP_FRAMES * period_s);
             self.headings
-                .observe(now_ns, heading, step_s, MAX_FORECAST as f64 * step_s);
+                .observe(now.ns, heading, period_s, longest_gap_s);
         }
-        self.heading = self.headings.at(now_ns);
-        self.go_on_from(
-            [observation.x, observation.y],
-            observation.covariance,
-            now_ns,
-            settings,
-        );
+        self.heading = self.headings.at(now.ns);
+        self.go_on_from([observation.x, observation.y], observation.covariance, now);
     }
 
     /// Makes a place the newest sample, learns from it and looks ahead from it.
-    fn go_on_from(
-        &mut self,
-        position: [f64; 2],
-        covariance: Covariance,
-        now_ns: u64,
-        settings: &Settings,
-    ) {
-        let step_s = settings.forecast_step_s;
+    fn go_on_from(&mut self, position: [f64; 2], covariance: Covariance, now: Now<'_>) {
+        let period_s = now.settings.frame_period_s;
         self.position = position;
         self.covariance = covariance;
         let sample = Sample {
-            time_ns: now_ns,
+            time_ns: now.ns,
             position,
         };
-        let least_spacing_ns = (LEAST_SPACING_STEPS * step_s * NS_PER_S) as u64;
+        let least_spacing_ns = (LEAST_SPACING_FRAMES * period_s * NS_PER_S) as u64;
         if self.history.push(sample, least_spacing_ns) {
-            self.forecaster.learn(&self.history, settings);
+            self.forecaster.learn(&self.history, now.settings);
         }
-        self.ahead = self
-            .forecaster
-            .forecast(&self.history, &self.covariance, settings);
+        let steering = self.headings.steering(self.history.samples());
+        self.ahead = self.forecaster.forecast(
+            &self.history,
+            steering.as_ref(),
+            &now.walls,
+            &self.covariance,
+            now.settings,
+        );
         self.velocity = self.ahead.velocity;
     }
 
     /// The observation is another point of a marked body: weigh it against the forecast.
-    fn follow(&mut self, observation: &Observation, now_ns: u64, settings: &Settings) {
-        self.coast(now_ns, settings);
+    fn follow(&mut self, observation: &Observation, now: Now<'_>) {
+        self.coast(now);
         let mut noise = observation.covariance;
-        let offset_variance = settings.marker_offset * settings.marker_offset;
+        let offset_variance = now.settings.marker_offset * now.settings.marker_offset;
         noise[0][0] += offset_variance;
         noise[1][1] += offset_variance;
         let innovation = sub([observation.x, observation.y], self.position);
@@ -363,14 +438,14 @@ impl Track {
     }
 
     /// Everything from the forecast.
-    fn coast(&mut self, now_ns: u64, settings: &Settings) {
+    fn coast(&mut self, now: Now<'_>) {
         self.pose_observed = false;
-        (self.position, self.covariance) = self.expected(now_ns);
-        self.heading = self.headings.at(now_ns);
-        let step_s = settings.forecast_step_s;
-        let (next, _) = self.ahead.at(self.unmeasured_s(now_ns) + step_s);
+        (self.position, self.covariance) = self.expected(now.ns);
+        self.heading = self.headings.at(now.ns);
+        let period_s = now.settings.frame_period_s;
+        let (next, _) = self.ahead.at(self.unmeasured_s(now.ns) + period_s);
         let moved = sub(add(next, self.shift), self.position);
-        self.velocity = scale(moved, 1.0 / step_s);
+        self.velocity = scale(moved, 1.0 / period_s);
     }
 
     /// From this observation on, the position means another point of the body.
@@ -386,18 +461,11 @@ impl Track {
         self.forecaster.measured_elsewhere();
     }
 
-    fn publish_ahead(&mut self, now_ns: u64, settings: &Settings) {
-        let unmeasured_s = self.unmeasured_s(now_ns);
-        for (i, point) in self.points.iter_mut().enumerate() {
-            let dt_s = (i as f64 + 1.0) * settings.forecast_step_s;
-            let (place, covariance) = self.ahead.at(unmeasured_s + dt_s);
-            let [x, y] = add(place, self.shift);
-            *point = ForecastPoint {
-                dt_s,
-                x,
-                y,
-                covariance,
-            };
+    fn publish_ahead(&mut self, now_ns: u64) {
+        self.age_ns = now_ns - self.started_ns;
+        self.coasted_s = self.unmeasured_s(now_ns);
+        for i in 0..MAX_FORECAST {
+            self.points[i] = self.forecast_at((i as f64 + 1.0) * FORECAST_SPACING_S);
         }
     }
 

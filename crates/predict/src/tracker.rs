@@ -1,36 +1,54 @@
 //! The life of tracks: forecast, assignment, substitution, retirement, birth (section 3.1.1 of the paper).
 
-use libm::sqrt;
+use libm::log;
 
-use crate::assign::assign_nearest;
-use crate::covariance::Covariance;
+use crate::assign::assign;
+use crate::covariance::{Covariance, trace};
+use crate::forecast::{NO_WALLS, Walls, pushed_out};
 use crate::merge::{Sighting, find_merged, stands_alone};
-use crate::motion::{norm_squared, sub};
 use crate::observation::{Observation, Settings};
-use crate::track::Track;
-use crate::{MAX_GAP_STEPS, MAX_OBSERVATIONS, MAX_TRACKS, NS_PER_S};
+use crate::track::{Now, Track};
+use crate::vector::{norm, sub};
+use crate::{MAX_OBSERVATIONS, MAX_TRACKS, NS_PER_S};
 
 /// Gate of a track seen in the last frame, in ways at top speed since then. The forecast may be as wrong as twice
 /// the top speed where an object turns back; narrower gates lose objects in measurements, wider ones gain nothing.
 const GATE_SPEEDS: f64 = 3.0;
+/// Variances between which logarithms are finite, whatever the settings.
+const VARIANCES: [f64; 2] = [1e-30, 1e30];
+/// By how much unlikelier it is that a thing is not seen than that it is seen at the edge of its gate.
+const UNSEEN: f64 = 3.0;
+/// Least standard deviation of a forecast, in [`Settings::gate_base`].
+const LEAST_SPREAD_GATES: f64 = 0.02;
 /// How much wider the gate is between an observation and the track of the same marker: no other track may claim
 /// that, so a robot may have been carried a bit.
 const SAME_MARKER_GATES: f64 = 3.0;
 
 /// All objects on the floor, from frame to frame.
 ///
-/// A plain value of about 800 kB without a heap: box it once, `Box::new(Tracker::new())`, which takes it over the stack,
-/// and do not move it after that.
+/// The tracks themselves are kept where the caller says, since one of them takes about 35 kB and there is no heap here: in
+/// `S`, which may be a vector, a boxed slice or an array.
+///
+/// ```
+/// use predict::{MAX_TRACKS, Track, Tracker};
+///
+/// let tracker = Tracker::new(vec![Track::EMPTY; MAX_TRACKS]);
+/// assert_eq!(tracker.tracks().count(), 0);
+/// ```
 #[derive(Debug, Clone)]
-pub struct Tracker {
+pub struct Tracker<S> {
     /// The first `n_tracks` are alive, in the order of their numbers.
-    tracks: [Track; MAX_TRACKS],
+    storage: S,
     n_tracks: usize,
     next_id: u64,
     /// The tracker's own time: the sum of all forward steps of the time stamps, none longer than the longest gap.
     clock_ns: u64,
     last_stamp_ns: Option<u64>,
     settings: Settings,
+    walls: Walls,
+    /// Markers and numbers of robots that are gone, the longest gone first.
+    remembered: [(u32, u64); MAX_TRACKS],
+    n_remembered: usize,
 }
 
 /// What [`Tracker::update`] did to the frame's observations and the tracks.
@@ -38,7 +56,7 @@ pub struct Tracker {
 pub struct Update {
     /// Observations ignored because a number in them was not finite, a variance negative or a coordinate beyond 1e9.
     pub rejected: usize,
-    /// Observations ignored for want of room: past [`MAX_OBSERVATIONS`], or new with [`MAX_TRACKS`] tracks alive.
+    /// Observations ignored for want of room: past [`MAX_OBSERVATIONS`], or new with as many tracks alive as there is room for.
     pub overflow: usize,
     /// Tracks begun in this frame.
     pub started: usize,
@@ -46,34 +64,54 @@ pub struct Update {
     pub retired: usize,
 }
 
-impl Tracker {
-    /// A tracker that has seen nothing.
+impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
+    /// A tracker that has seen nothing. `storage` has room for as many tracks as may be alive at once, at most
+    /// [`MAX_TRACKS`]; what is in it does not matter.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(storage: S) -> Self {
         Self {
-            tracks: [const { Track::EMPTY }; MAX_TRACKS],
+            storage,
             n_tracks: 0,
             next_id: 1,
             clock_ns: 0,
             last_stamp_ns: None,
             settings: Settings::default(),
+            walls: NO_WALLS,
+            remembered: [(0, 0); MAX_TRACKS],
+            n_remembered: 0,
         }
     }
 
     /// The reported tracks, in the order of their numbers.
     pub fn tracks(&self) -> impl Iterator<Item = &Track> {
-        self.tracks[..self.n_tracks]
+        self.alive()
             .iter()
             .filter(|track| track.confirmed(&self.settings))
+    }
+
+    /// Tells that the floor is another one, or another camera looks at it: forgets how far it reaches and which robots were on it.
+    /// Tracks alive go on.
+    pub fn forget_floor(&mut self) {
+        self.walls = NO_WALLS;
+        self.n_remembered = 0;
+    }
+
+    fn alive(&self) -> &[Track] {
+        &self.storage.as_ref()[..self.n_tracks]
+    }
+
+    /// Most tracks alive at once.
+    fn room(&self) -> usize {
+        self.storage.as_ref().len().min(MAX_TRACKS)
     }
 
     /// Takes the observations of one frame, exposed at `stamp_ns`.
     ///
     /// Frames may come unevenly. A time stamp that does not lie after the one before counts as the same moment; a
-    /// jump ahead of more than 30 forecast steps counts as 30. Observations and settings may hold anything: what is
+    /// jump ahead of more than two seconds, or of four frames where these are slower, counts as that. Observations and settings may hold anything: what is
     /// no number is ignored and counted, or replaced by the default.
     ///
-    /// Cost: about 25 µs for each track that is observed, on one thread.
+    /// Cost: about 17 µs for each track that is observed, on one thread.
     pub fn update(
         &mut self,
         stamp_ns: u64,
@@ -96,31 +134,48 @@ impl Tracker {
         let (checked, taken) = (&checked[..n_seen], &mut taken[..n_seen]);
         update.rejected = taken.iter().filter(|taken| **taken).count();
 
-        let sightings = self.assign(checked, taken, frame_s);
-        let now_ns = self.clock_ns;
-        for (track, sighting) in self.tracks[..self.n_tracks].iter_mut().zip(sightings) {
+        let sightings = self.sightings(checked, taken, frame_s);
+        for observation in checked.iter().flatten() {
+            self.walls = pushed_out(&self.walls, [observation.x, observation.y]);
+        }
+        let now = Now {
+            ns: self.clock_ns,
+            walls: self.walls,
+            settings,
+        };
+        let alive = &mut self.storage.as_mut()[..self.n_tracks];
+        for (track, sighting) in alive.iter_mut().zip(sightings) {
             match sighting {
-                Sighting::Missed => track.miss(now_ns, settings),
+                Sighting::Missed => track.miss(now),
                 Sighting::Own {
                     index,
                     observation,
                     alone,
-                } => track.sight(index, observation, alone, now_ns, settings),
-                Sighting::Merged(blob) => track.merge(&blob, now_ns, settings),
+                    carried,
+                } => {
+                    if carried {
+                        track.put_down();
+                    }
+                    track.sight(index, observation, alone, now);
+                }
+                Sighting::Merged(blob) => track.merge(&blob, now),
             }
         }
         update.retired = self.retire();
         for (i, observation) in checked.iter().enumerate() {
             if let Some(observation) = observation.as_ref().filter(|_| !taken[i]) {
-                if self.n_tracks == MAX_TRACKS {
+                if self.n_tracks == self.room() {
                     update.overflow += 1;
                     continue;
                 }
                 let alone = stands_alone(i, checked);
-                self.tracks[self.n_tracks] =
-                    Track::start(self.next_id, i, observation, alone, now_ns, settings);
+                let id = self.number_for(observation.marker);
+                let tracks = &mut self.storage.as_mut()[..=self.n_tracks];
+                tracks[self.n_tracks] = Track::start(id, i, observation, alone, now);
+                // A robot that comes back has an old number.
+                let place = tracks[..self.n_tracks].partition_point(|track| track.id() < id);
+                tracks[place..].rotate_right(1);
                 self.n_tracks += 1;
-                self.next_id += 1;
                 update.started += 1;
             }
         }
@@ -129,7 +184,7 @@ impl Tracker {
 
     /// Moves the clock to the frame and returns by how many seconds.
     fn advance(&mut self, stamp_ns: u64) -> f64 {
-        let longest_ns = (MAX_GAP_STEPS * self.settings.forecast_step_s * NS_PER_S) as u64;
+        let longest_ns = (self.settings.longest_gap_s() * NS_PER_S) as u64;
         let since_last_ns = self
             .last_stamp_ns
             .map_or(0, |last_ns| stamp_ns.saturating_sub(last_ns))
@@ -140,35 +195,66 @@ impl Tracker {
     }
 
     /// What each track's object is seen as. Markers first: one that was read belongs to the track of that marker; then
-    /// blobs of several objects, so that none of these is looked for elsewhere; then all that is left by distance, but
+    /// blobs of several objects, so that none of these is looked for elsewhere; then all that is left by how likely it is, but
     /// never an observation of one marker to the track of another.
     ///
-    /// Two things may carry the same marker, hence distance decides among them too.
-    fn assign<'a>(
+    /// Two things may carry the same marker, hence the place decides among them too.
+    fn sightings<'a>(
         &self,
         observations: &'a [Option<Observation>],
         taken: &mut [bool],
         frame_s: f64,
     ) -> [Sighting<'a>; MAX_TRACKS] {
-        let tracks = &self.tracks[..self.n_tracks];
+        let tracks = self.alive();
         let mut expected: [([f64; 2], Covariance); MAX_TRACKS] = [Default::default(); MAX_TRACKS];
         let mut gates = [0.0; MAX_TRACKS];
         for (i, track) in tracks.iter().enumerate() {
             expected[i] = track.expected(self.clock_ns);
+            // Where nothing ever was, nothing will be seen.
+            let [low, high] = self.walls;
+            for (axis, place) in expected[i].0.iter_mut().enumerate() {
+                *place = place.max(low[axis]).min(high[axis]);
+            }
             gates[i] = self.gate(track, frame_s);
         }
+        let settings = &self.settings;
         let within = |track: usize, observation: &Observation, gates_wide: f64| {
             let apart = sub([observation.x, observation.y], expected[track].0);
-            let distance = sqrt(norm_squared(apart));
-            (distance <= gates_wide * gates[track]).then_some(distance)
+            let distance = norm(apart);
+            (distance <= gates_wide * gates[track])
+                .then(|| unlikelihood(distance, &expected[track].1, settings))
         };
         let mut observation_of = [None; MAX_TRACKS];
         let alive = &mut observation_of[..tracks.len()];
-        assign_nearest(alive, taken, |track, i| {
-            let observation = observations[i].as_ref()?;
-            let same = observation.marker.is_some() && observation.marker == tracks[track].marker();
-            same.then(|| within(track, observation, SAME_MARKER_GATES))?
-        });
+        let unseen =
+            |track: usize| UNSEEN + unlikelihood(gates[track], &expected[track].1, settings);
+        assign(
+            alive,
+            taken,
+            |track, i| {
+                let observation = observations[i].as_ref()?;
+                let same =
+                    observation.marker.is_some() && observation.marker == tracks[track].marker();
+                same.then(|| within(track, observation, SAME_MARKER_GATES))?
+            },
+            unseen,
+        );
+        // A marker that was read on no track of its own: its robot's was given up, or it was carried elsewhere.
+        let mut carried = [false; MAX_TRACKS];
+        for (i, observation) in observations.iter().enumerate() {
+            let read = observation.as_ref().and_then(|o| o.marker);
+            if taken[i] || read.is_none() {
+                continue;
+            }
+            let lost = |track: &usize| alive[*track].is_none() && tracks[*track].known_as() == read;
+            if let Some(track) = (0..tracks.len()).find(lost) {
+                alive[track] = Some(i);
+                taken[i] = true;
+                carried[track] = observation
+                    .as_ref()
+                    .is_some_and(|observation| within(track, observation, 1.0).is_none());
+            }
+        }
         let merged = find_merged(tracks, &expected, observations, alive, |track| {
             track.may_merge(self.clock_ns, &self.settings)
         });
@@ -178,14 +264,19 @@ impl Tracker {
                 taken[blob.index] = true;
             }
         }
-        assign_nearest(alive, taken, |track, i| {
-            let observation = observations[i].as_ref()?;
-            let other = observation
-                .marker
-                .zip(tracks[track].marker())
-                .is_some_and(|(read, known)| read != known);
-            (!other).then(|| within(track, observation, 1.0))?
-        });
+        assign(
+            alive,
+            taken,
+            |track, i| {
+                let observation = observations[i].as_ref()?;
+                let other = observation
+                    .marker
+                    .zip(tracks[track].marker())
+                    .is_some_and(|(read, known)| read != known);
+                (!other).then(|| within(track, observation, 1.0))?
+            },
+            unseen,
+        );
         let mut sightings = [Sighting::Missed; MAX_TRACKS];
         for (track, sighting) in sightings.iter_mut().enumerate().take(tracks.len()) {
             *sighting = match (merged[track], observation_of[track]) {
@@ -200,6 +291,7 @@ impl Tracker {
                             index,
                             observation,
                             alone: shared.is_none() && stands_alone(index, observations),
+                            carried: carried[track],
                         })
                 }
                 (_, None) => Sighting::Missed,
@@ -217,13 +309,38 @@ impl Tracker {
         settings.gate_base + track.blob_reach() + way
     }
 
-    /// Drops lost tracks, keeps the order of the others.
+    /// The number of a new track: that which the robot of this marker had, or the next.
+    fn number_for(&mut self, marker: Option<u32>) -> u64 {
+        let remembered = &mut self.remembered[..self.n_remembered];
+        if marker.is_some()
+            && let Some(i) = remembered.iter().position(|robot| Some(robot.0) == marker)
+        {
+            let (_, id) = remembered[i];
+            remembered.copy_within(i + 1.., i);
+            self.n_remembered -= 1;
+            return id;
+        }
+        self.next_id += 1;
+        self.next_id - 1
+    }
+
+    /// Drops lost tracks, keeps the order of the others, and remembers which robots had which numbers.
     fn retire(&mut self) -> usize {
+        let tracks = self.storage.as_mut();
         let mut kept = 0;
         for i in 0..self.n_tracks {
-            if !self.tracks[i].lost(&self.settings) {
+            let lost = tracks[i].lost(&self.settings);
+            if let (true, Some(marker)) = (lost, tracks[i].known_as()) {
+                if self.n_remembered == MAX_TRACKS {
+                    self.remembered.copy_within(1.., 0);
+                    self.n_remembered -= 1;
+                }
+                self.remembered[self.n_remembered] = (marker, tracks[i].id());
+                self.n_remembered += 1;
+            }
+            if !lost {
                 if kept < i {
-                    self.tracks.swap(kept, i);
+                    tracks.swap(kept, i);
                 }
                 kept += 1;
             }
@@ -234,8 +351,11 @@ impl Tracker {
     }
 }
 
-impl Default for Tracker {
-    fn default() -> Self {
-        Self::new()
-    }
+/// Minus the logarithm of how likely a thing is seen so far from where it is expected, up to a constant: Cauchy's distribution in
+/// the plane. A forecast is mostly right within its covariance, but when it is wrong, at a wall or after a push, it may be wrong by
+/// any amount; so one that fits and one that is far off are likelier together than two that fit badly.
+fn unlikelihood(distance: f64, covariance: &Covariance, settings: &Settings) -> f64 {
+    let least = LEAST_SPREAD_GATES * settings.gate_base;
+    let variance = (0.5 * trace(covariance) + least * least).clamp(VARIANCES[0], VARIANCES[1]);
+    log(variance) + 1.5 * log(1.0 + distance * distance / variance)
 }

@@ -102,7 +102,7 @@ fn any_settings() -> impl Strategy<Value = Settings> {
     let numbers = [any_number(), any_number(), any_number(), any_number()];
     let wild = (numbers, 0..12_u32, 0..4_u32).prop_map(
         |([step, top, base, offset], max_misses, confirm)| Settings {
-            forecast_step_s: step,
+            frame_period_s: step,
             top_speed: top,
             gate_base: base,
             marker_offset: offset,
@@ -122,7 +122,12 @@ fn check(track: &Track, n_observations: usize) -> Result<(), TestCaseError> {
     prop_assert!(finite(&track.velocity()), "{:?}", track.velocity());
     prop_assert!(plausible(track.covariance()), "{:?}", track.covariance());
     prop_assert!(track.observed().is_none_or(|index| index < n_observations));
-    prop_assert!(track.turn_rate().is_none_or(f64::is_finite));
+    prop_assert!(track.turn_rate_rad_s().is_finite() && track.age_s() >= 0.0);
+    for dt_s in [-1.0, 0.0, 0.05, 1.3, 9.0, f64::NAN] {
+        let point = track.forecast_at(dt_s);
+        prop_assert!(finite(&[point.dt_s, point.x, point.y]), "{point:?}");
+        prop_assert!(plausible(point.covariance), "{point:?}");
+    }
     if let Some(heading) = track.heading() {
         prop_assert!(heading.rad.abs() <= std::f64::consts::PI);
         prop_assert!(heading.variance >= 0.0 && heading.variance.is_finite());
@@ -144,7 +149,7 @@ proptest! {
         frames in prop::collection::vec(
             prop::collection::vec(prop_oneof![4 => accepted(), 1 => arbitrary()], 0..6), 1..80),
     ) {
-        let mut tracker = Box::new(Tracker::new());
+        let mut tracker = Tracker::new(vec![Track::EMPTY; MAX_TRACKS]);
         let mut newest_id = 0;
         let mut alive = 0;
         for ((i, stamp_ns), observations) in stamps.iter().enumerate().zip(&frames) {
@@ -172,7 +177,7 @@ proptest! {
 
     #[test]
     fn crowds_are_bounded(n in 0..400_usize, spread in 0.0..1e4_f64) {
-        let mut tracker = Box::new(Tracker::new());
+        let mut tracker = Tracker::new(vec![Track::EMPTY; MAX_TRACKS]);
         let observations: Vec<Observation> = (0..n)
             .map(|i| Observation {
                 x: spread * (i as f64 * 0.618).fract(),

@@ -35,8 +35,8 @@ pub const SERVICE_SUFFIX: &str = "/scene";
 pub const MAX_OBJECTS: usize = 64;
 /// Most points of an object's outline.
 pub const MAX_OUTLINE: usize = 64;
-/// Steps of a forecast.
-pub const MAX_FORECAST: usize = 15;
+/// Points of a forecast, evenly spaced up to two seconds ahead.
+pub const MAX_FORECAST: usize = 20;
 /// Bytes of a marker's name, UTF-8, padded with zeros.
 pub const NAME_BYTES: usize = 32;
 
@@ -70,7 +70,7 @@ pub const HAS_HEADING: u32 = 2;
 /// Everything known about the floor at the moment one frame was exposed.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("overcam.Scene.v3")]
+#[type_name("overcam.Scene.v4")]
 pub struct Scene {
     /// Number of the frame in its source, from 0; frames that were dropped, passed over or used for learning count too.
     pub sequence: u64,
@@ -97,7 +97,7 @@ pub struct Scene {
 /// One thing on the floor.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("overcam.Object.v2")]
+#[type_name("overcam.Object.v3")]
 pub struct Object {
     /// Number of the track: the same thing keeps it from frame to frame, and it is never given twice in a run.
     pub track: u64,
@@ -111,6 +111,11 @@ pub struct Object {
     pub vx: f64,
     /// Velocity along y, per second.
     pub vy: f64,
+    /// Turn rate in rad/s, in the sense of a heading: the marker's where its headings tell it, else that of the direction of
+    /// motion.
+    pub turn_rate_rad_s: f64,
+    /// Seconds since the object was first seen.
+    pub age_s: f64,
     /// Marker: side of the plate. Obstacle: square root of the outline's area.
     pub size: f64,
     /// How well the marker that was read explains the pixels of its plate: share of their variation, 0 to 1, less with noise, low
@@ -182,6 +187,15 @@ impl Scene {
         };
         now_ns.saturating_sub(since_ns)
     }
+
+    /// Where one of this scene's objects is at the moment `at_ns` of `CLOCK_MONOTONIC`: for a planner that takes `delay_ns` until
+    /// its command takes effect, that is a reading of the clock plus `delay_ns`.
+    ///
+    /// The same as [`Object::pose_at`] with the scene's age ([`Scene::age_ns`]) at that moment.
+    #[must_use]
+    pub fn pose_at(&self, object: &Object, at_ns: u64) -> Pose {
+        object.pose_at(self.age_ns(at_ns) as f64 * 1e-9)
+    }
 }
 
 impl Object {
@@ -193,6 +207,8 @@ impl Object {
         heading_rad: 0.0,
         vx: 0.0,
         vy: 0.0,
+        turn_rate_rad_s: 0.0,
+        age_s: 0.0,
         size: 0.0,
         confidence: 0.0,
         covariance: [[0.0; 3]; 3],
@@ -241,6 +257,101 @@ impl Object {
     }
 }
 
+/// Where an object is at one moment; coordinates as in [`Scene::frame`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Expected x.
+    pub x: f64,
+    /// Expected y.
+    pub y: f64,
+    /// Expected direction within (-π, π], where there is a marker.
+    pub heading_rad: Option<f64>,
+    /// Covariance of (x, y), row by row.
+    pub covariance: [[f64; 2]; 2],
+}
+
+impl Object {
+    /// The pose `dt_s` seconds after the scene's exposure: the object's own at 0, then along the forecast. The heading turns on at
+    /// [`turn_rate_rad_s`](Object::turn_rate_rad_s).
+    ///
+    /// Between the forecast's points the path is a cubic curve (Hermite's, with the slopes of the neighbouring points, at the start
+    /// that of the velocity) and the covariance linear. After the last point it stays there; an object without a forecast
+    /// stays where it is. A `dt_s` below 0, or no number, counts as 0.
+    #[must_use]
+    pub fn pose_at(&self, dt_s: f64) -> Pose {
+        let now = ForecastPoint {
+            dt_s: 0.0,
+            x: self.x,
+            y: self.y,
+            covariance: [0, 1].map(|i| [self.covariance[i][0], self.covariance[i][1]]),
+        };
+        let forecast = self.forecast();
+        let point = |i: usize| if i == 0 { now } else { forecast[i - 1] };
+        let dt_s = dt_s.max(0.0);
+        // The first point after the moment, counted with the present one as 0.
+        let after = 1 + forecast
+            .iter()
+            .take_while(|point| point.dt_s <= dt_s)
+            .count();
+        let (x, y, covariance) = if after > forecast.len() {
+            let last = point(forecast.len());
+            (last.x, last.y, last.covariance)
+        } else {
+            let (from, to) = (point(after - 1), point(after));
+            let slope = |i: usize| {
+                if i == 0 {
+                    return [self.vx, self.vy];
+                }
+                let (before, after) = (point(i - 1), point((i + 1).min(forecast.len())));
+                let span_s = after.dt_s - before.dt_s;
+                [(after.x - before.x) / span_s, (after.y - before.y) / span_s]
+            };
+            let (start, end) = (slope(after - 1), slope(after));
+            let span_s = to.dt_s - from.dt_s;
+            let part = (dt_s - from.dt_s) / span_s;
+            let curve = |from: f64, to: f64, start: f64, end: f64| {
+                let (start, end) = (start * span_s, end * span_s);
+                let (quadratic, cubic) = (
+                    3.0 * (to - from) - 2.0 * start - end,
+                    start + end - 2.0 * (to - from),
+                );
+                from + part * (start + part * (quadratic + part * cubic))
+            };
+            let mut covariance = from.covariance;
+            for (row, to) in covariance.iter_mut().zip(to.covariance) {
+                for (value, to) in row.iter_mut().zip(to) {
+                    *value += part * (to - *value);
+                }
+            }
+            (
+                curve(from.x, to.x, start[0], end[0]),
+                curve(from.y, to.y, start[1], end[1]),
+                covariance,
+            )
+        };
+        Pose {
+            x,
+            y,
+            heading_rad: self
+                .heading()
+                .map(|heading| within_a_turn(heading + self.turn_rate_rad_s * dt_s)),
+            covariance,
+        }
+    }
+}
+
+/// The same direction within (-π, π], for one within a few turns of it; no number for none.
+fn within_a_turn(mut rad: f64) -> f64 {
+    use core::f64::consts::{PI, TAU};
+    rad %= TAU;
+    if rad > PI {
+        rad -= TAU;
+    } else if rad <= -PI {
+        rad += TAU;
+    }
+    rad
+}
+
 impl ForecastPoint {
     /// A point with every field zero.
     pub const EMPTY: Self = Self {
@@ -256,7 +367,7 @@ const _: () = {
     assert!(core::mem::size_of::<ForecastPoint>() == 56);
     assert!(
         core::mem::size_of::<Object>()
-            == 8 * 17 + NAME_BYTES + 16 + 16 * MAX_OUTLINE + 56 * MAX_FORECAST
+            == 8 * 19 + NAME_BYTES + 16 + 16 * MAX_OUTLINE + 56 * MAX_FORECAST
     );
     assert!(core::mem::size_of::<Scene>() == 56 + MAX_OBJECTS * core::mem::size_of::<Object>());
 };
@@ -286,6 +397,85 @@ mod tests {
         object.n_forecast = u32::MAX;
         assert_eq!(object.outline().len(), MAX_OUTLINE);
         assert_eq!(object.forecast().len(), MAX_FORECAST);
+    }
+
+    /// A robot on a circle of radius 2 about the origin, one radian a second, now at (2, 0), with points every tenth second.
+    fn circling() -> Object {
+        let mut robot = Object {
+            x: 2.0,
+            vy: 2.0,
+            turn_rate_rad_s: 1.0,
+            heading_rad: 3.0,
+            flags: OBSERVED | HAS_HEADING,
+            n_forecast: 20,
+            ..Object::EMPTY
+        };
+        for (i, point) in robot.forecast.iter_mut().enumerate() {
+            let angle = 0.1 * (i as f64 + 1.0);
+            let [x, y] = on_circle(angle);
+            *point = ForecastPoint {
+                dt_s: angle,
+                x,
+                y,
+                covariance: [[angle, 0.0], [0.0, 2.0 * angle]],
+            };
+        }
+        robot
+    }
+
+    /// Series of cosine and sine, since the crate has no mathematics.
+    fn on_circle(angle: f64) -> [f64; 2] {
+        let (mut cosine, mut sine, mut term) = (0.0, 0.0, 1.0);
+        for power in 0..30 {
+            match power % 4 {
+                0 => cosine += term,
+                1 => sine += term,
+                2 => cosine -= term,
+                _ => sine -= term,
+            }
+            term *= angle / f64::from(power + 1);
+        }
+        [2.0 * cosine, 2.0 * sine]
+    }
+
+    #[test]
+    fn a_pose_lies_on_the_curve_through_the_forecast() {
+        let robot = circling();
+        for dt_s in [0.0, 0.033, 0.1, 0.25, 0.777, 1.85] {
+            let pose = robot.pose_at(dt_s);
+            let [x, y] = on_circle(dt_s);
+            assert!((pose.x - x).abs() < 2e-4, "{dt_s}: {pose:?} {x}");
+            assert!((pose.y - y).abs() < 2e-4, "{dt_s}: {pose:?} {y}");
+            assert!((pose.covariance[1][1] - 2.0 * dt_s).abs() < 1e-9);
+        }
+        let [x, _] = on_circle(2.0);
+        assert!(
+            (robot.pose_at(9.0).x - x).abs() < 1e-9,
+            "it stays at the end"
+        );
+        let heading = robot.pose_at(0.5).heading_rad.expect("a marker");
+        assert!((heading - (3.5 - core::f64::consts::TAU)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_pose_of_nothing_known_is_the_present_one() {
+        let mut object = Object::EMPTY;
+        object.x = 3.0;
+        object.vx = 1.0;
+        for dt_s in [0.0, 1.0, -1.0, f64::NAN, f64::INFINITY] {
+            let pose = object.pose_at(dt_s);
+            assert_eq!((pose.x, pose.y, pose.heading_rad), (3.0, 0.0, None));
+        }
+    }
+
+    #[test]
+    fn a_scene_knows_how_old_it_will_be() {
+        let robot = circling();
+        let mut scene = Scene::EMPTY;
+        scene.stamp_ns = 1_000_000_000;
+        scene.clock = CLOCK_MONOTONIC;
+        assert_eq!(scene.pose_at(&robot, 1_500_000_000), robot.pose_at(0.5));
+        assert_eq!(scene.pose_at(&robot, 0), robot.pose_at(0.0));
     }
 
     #[test]

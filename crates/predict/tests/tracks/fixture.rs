@@ -1,6 +1,6 @@
 //! A tracker that is shown one frame after the other.
 
-use predict::{Observation, Settings, Track, Tracker, Update};
+use predict::{MAX_TRACKS, Observation, Settings, Track, Tracker, Update};
 
 /// From frame to frame, 15 a second.
 pub(crate) const STEP_NS: u64 = 66_666_667;
@@ -8,14 +8,14 @@ pub(crate) const STEP_S: f64 = STEP_NS as f64 / 1e9;
 
 pub(crate) fn settings() -> Settings {
     Settings {
-        forecast_step_s: STEP_S,
+        frame_period_s: STEP_S,
         ..Settings::default()
     }
 }
 
 /// A tracker and the number of the next frame.
 pub(crate) struct Floor {
-    pub(crate) tracker: Box<Tracker>,
+    pub(crate) tracker: Tracker<Vec<Track>>,
     pub(crate) settings: Settings,
     pub(crate) frame: u64,
 }
@@ -23,7 +23,7 @@ pub(crate) struct Floor {
 impl Floor {
     pub(crate) fn new() -> Self {
         Self {
-            tracker: Box::new(Tracker::new()),
+            tracker: Tracker::new(vec![Track::EMPTY; MAX_TRACKS]),
             settings: settings(),
             frame: 0,
         }

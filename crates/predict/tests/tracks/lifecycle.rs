@@ -1,6 +1,6 @@
 //! What becomes of tracks from frame to frame, on hand-made scenes.
 
-use predict::{Heading, MAX_FORECAST, MAX_TRACKS, Observation, Track, Tracker};
+use predict::{FORECAST_SPACING_S, Heading, MAX_FORECAST, MAX_TRACKS, Observation, Track, Tracker};
 
 use crate::fixture::{Floor, STEP_NS, STEP_S, distance, settings};
 
@@ -30,7 +30,7 @@ fn robot(marker: u32, place: [f64; 2], heading_rad: f64) -> Observation {
 fn worst_forecast(track: &Track, truth: impl Fn(f64) -> [f64; 2]) -> f64 {
     assert_eq!(track.forecast().len(), MAX_FORECAST);
     let error = |(i, point): (usize, &predict::ForecastPoint)| {
-        assert!((point.dt_s - (i + 1) as f64 * STEP_S).abs() < 1e-12);
+        assert!((point.dt_s - (i + 1) as f64 * FORECAST_SPACING_S).abs() < 1e-12);
         distance([point.x, point.y], truth(point.dt_s))
     };
     track
@@ -53,13 +53,14 @@ fn a_straight_line_is_foreseen_from_the_third_sample() {
         if i >= 2 {
             let error = worst_forecast(track, |dt| place(t + dt));
             assert!(error < 1e-2, "frame {i}: {error} px");
-            assert!(distance(track.velocity(), [60.0, -25.0]) < 1e-6);
+            // Experts are kept in single precision.
+            assert!(distance(track.velocity(), [60.0, -25.0]) < 1e-4);
         }
     }
 }
 
 #[test]
-fn a_circle_is_foreseen_from_the_sixth_sample() {
+fn a_circle_is_foreseen_from_the_fourth_sample() {
     let place = |t: f64| {
         [
             300.0 + 60.0 * (1.2 * t).cos(),
@@ -71,8 +72,8 @@ fn a_circle_is_foreseen_from_the_sixth_sample() {
         let t = f64::from(i) * STEP_S;
         floor.see(&[blob(place(t))]);
         let error = worst_forecast(floor.only(), |dt| place(t + dt));
-        // A line is wrong by 36 px at the last step.
-        if i >= 5 {
+        // A line is wrong by 120 px after two seconds.
+        if i >= 3 {
             assert!(error < 0.5, "frame {i}: {error} px");
         }
         if i >= 20 {
@@ -83,7 +84,7 @@ fn a_circle_is_foreseen_from_the_sixth_sample() {
 
 #[test]
 fn uneven_and_dropped_frames_do_not_bend_a_line() {
-    let mut tracker = Box::new(Tracker::new());
+    let mut tracker = Tracker::new(vec![Track::EMPTY; MAX_TRACKS]);
     let mut stamp_ns = 5_000_000_000;
     for i in 0..60_u64 {
         stamp_ns += [STEP_NS, STEP_NS / 2, 3 * STEP_NS][(i % 3) as usize];
@@ -245,6 +246,56 @@ fn the_same_marker_is_found_further_away_than_anything_else() {
 
 /// A robot drives along x and turns slowly; where its marker is not read, the centre of its area lies 6 px beside
 /// the plate.
+#[test]
+fn a_robot_that_is_carried_elsewhere_is_the_same_robot() {
+    let mut floor = Floor::new();
+    let thing = blob([500.0, 300.0]);
+    for _ in 0..20 {
+        floor.see(&[robot(3, [60.0, 50.0], 0.5), thing]);
+    }
+    // At once, after a while under a hand, and when it was long gone and its track retired.
+    for (away_frames, place) in [(0, [400.0, 50.0]), (5, [60.0, 400.0]), (60, [300.0, 300.0])] {
+        for _ in 0..away_frames {
+            floor.see(&[thing]);
+        }
+        for _ in 0..3 {
+            floor.see(&[robot(3, place, -1.0), thing]);
+            assert_eq!(floor.ids(), [1, 2], "after {away_frames} frames");
+            floor.assert_at(1, place, 0.0);
+            assert_eq!(floor.track(1).marker(), Some(3));
+        }
+        // It rests: the way it was carried is no motion of its own.
+        assert!(distance(floor.track(1).velocity(), [0.0; 2]) < 1.0);
+    }
+}
+
+#[test]
+fn what_lies_where_a_robot_was_does_not_take_its_number() {
+    let mut floor = Floor::new();
+    for _ in 0..20 {
+        floor.see(&[robot(3, [60.0, 50.0], 0.5)]);
+    }
+    // A bag covers it until the marker is given up, then the robot stands elsewhere.
+    for _ in 0..20 {
+        floor.see(&[blob([62.0, 50.0])]);
+    }
+    floor.see(&[blob([62.0, 50.0]), robot(3, [300.0, 50.0], 0.5)]);
+    assert_eq!(floor.track(1).marker(), Some(3));
+    floor.assert_at(1, [300.0, 50.0], 0.0);
+    floor.see(&[blob([62.0, 50.0]), robot(3, [300.0, 50.0], 0.5)]);
+    assert_eq!(floor.ids(), [1, 2], "and the bag has one of its own");
+}
+
+#[test]
+fn two_of_the_same_marker_are_two() {
+    let mut floor = Floor::new();
+    for _ in 0..20 {
+        floor.see(&[robot(3, [60.0, 50.0], 0.5), robot(3, [400.0, 50.0], 0.5)]);
+        assert_eq!(floor.ids(), [1, 2]);
+        floor.assert_at(1, [60.0, 50.0], 0.0);
+    }
+}
+
 fn drive(floor: &mut Floor, frames: u64, read: bool) {
     for _ in 0..frames {
         let t = floor.frame as f64 * STEP_S;
@@ -272,7 +323,7 @@ fn an_unread_marker_keeps_robot_and_heading() {
     let heading = track.heading().expect("a forecast heading");
     assert!((heading.rad - 0.2 * t).abs() < 1e-6);
     assert!(heading.variance > 1e-4);
-    assert!((track.turn_rate().expect("a rate") - 0.2).abs() < 1e-6);
+    assert!((track.turn_rate_rad_s() - 0.2).abs() < 1e-6);
 
     drive(&mut floor, 1, true);
     let track = floor.only();
@@ -352,7 +403,7 @@ fn a_time_stamp_that_does_not_advance_is_the_same_moment() {
         let stamp_ns = 1000 + i * STEP_NS;
         let seen = [blob(place(9 + i))];
         floor.tracker.update(stamp_ns, &seen, &floor.settings);
-        assert!(distance(floor.only().velocity(), velocity) < 1e-6);
+        assert!(distance(floor.only().velocity(), velocity) < 1e-4);
         assert_eq!(floor.only().id(), 1);
     }
 }
@@ -375,7 +426,16 @@ fn results_do_not_depend_on_what_a_slot_held_before() {
         }
         results
     };
-    let mut used = Floor::new();
+    // Beyond the corners nothing was seen: what is known of the floor is not a slot's.
+    let corners = || {
+        let mut floor = Floor::new();
+        floor.see(&[blob([0.0, 0.0]), blob([640.0, 480.0])]);
+        for _ in 0..10 {
+            floor.see(&[]);
+        }
+        floor
+    };
+    let mut used = corners();
     for i in 0..50 {
         let x = f64::from(i % 7) * 3.0;
         used.see(&[blob([x, 400.0]), robot(9, [300.0, x], x)]);
@@ -384,7 +444,7 @@ fn results_do_not_depend_on_what_a_slot_held_before() {
         used.see(&[]);
     }
     assert_eq!(used.ids(), []);
-    assert_eq!(run(&mut used), run(&mut Floor::new()));
+    assert_eq!(run(&mut used), run(&mut corners()));
 }
 
 #[test]

@@ -1,0 +1,24 @@
+//! Makes the start weights of `predict`: `cargo run --release -p forecast_lab --bin train -- crates/predict/src/start_weights.bin`.
+
+use std::process::ExitCode;
+
+use forecast_lab::training::{PLAN, stored, train};
+
+fn main() -> ExitCode {
+    let Some(file) = std::env::args_os().nth(1) else {
+        eprintln!("error: no file given; say where to write the weights");
+        return ExitCode::from(2);
+    };
+    let network = train(PLAN, |epoch, loss| {
+        eprintln!(
+            "epoch {epoch}: error {:.4} of the best expert's in hindsight, ellipse {:.4}",
+            loss.mixture / loss.n,
+            loss.ellipse / loss.n
+        );
+    });
+    if let Err(error) = std::fs::write(&file, stored(&network)) {
+        eprintln!("error: cannot write {}: {error}", file.display());
+        return ExitCode::FAILURE;
+    }
+    ExitCode::SUCCESS
+}

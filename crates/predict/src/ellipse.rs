@@ -1,0 +1,112 @@
+//! How wrong a forecast may be: the ellipse of the mixture's own past errors, by horizon.
+//!
+//! Second moments along and across the motion say its shape, and in the beginning those of the horizon before, grown with
+//! the passing time. Its size is corrected twice. The network says, from the motion at the moment and from what it learned of
+//! generated ones, how much larger or smaller it should be. And since errors are seldom normal, the size follows what happens:
+//! larger by a step with every miss, smaller by a nineteenth of it with every hit, so that in the long run 95 % of what comes
+//! lies within the 95 % ellipse (Gibbs and Candès, "Adaptive conformal inference under distribution shift").
+//!
+//! It covers what a camera will measure, noise included. What is rare and gives no sign before it happens, like the first wall in
+//! an object's way, no ellipse can hold in advance.
+
+use libm::expf;
+
+use crate::covariance::{Covariance, rotated};
+use crate::horizon::{HORIZONS, Horizons};
+use crate::marks::{Comparison, between};
+
+/// 95 % quantile of chi-squared with two degrees of freedom.
+const WITHIN_95: f32 = 5.991;
+/// Part of what comes that may lie outside.
+const OUTSIDE: f32 = 0.05;
+/// Memory of the moments in comparisons.
+const MEMORY: f32 = 60.0;
+/// Comparisons that the moments expected beforehand are worth.
+const PRIOR: f32 = 3.0;
+/// Step of the size's logarithm at the first and at the last horizon, where comparisons are seldom.
+const FOLLOW: [f32; 2] = [0.05, 0.12];
+/// Bounds of the logarithm followed, and of all corrections together.
+const MOST_FOLLOWED: f32 = 2.0;
+const MOST_SCALE: f32 = 3.0;
+/// Least variance, in squared units: an ellipse has an inside.
+const LEAST_VARIANCE: f32 = 1e-12;
+
+/// Errors of the mixture at one horizon.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Moments {
+    n: f32,
+    /// Along, both, across the motion.
+    second: [f32; 3],
+    /// Logarithm of the size's correction.
+    followed: f32,
+}
+
+impl Moments {
+    pub(crate) const NONE: Self = Self {
+        n: 0.0,
+        second: [0.0; 3],
+        followed: 0.0,
+    };
+
+    pub(crate) fn add(&mut self, horizon: usize, comparison: &Comparison<'_>) {
+        let [x, y] = [0, 1].map(|axis| comparison.came[axis] - comparison.mixed[axis]);
+        let [c, s] = comparison.issued.direction;
+        let (along, across) = (c * x + s * y, c * y - s * x);
+        let [a, b, d] = comparison.issued.ellipses[horizon];
+        let distance =
+            (d * along * along - 2.0 * b * along * across + a * across * across) / (a * d - b * b);
+        let missed = if distance > WITHIN_95 { 1.0 } else { 0.0 };
+        self.followed += between(FOLLOW, horizon) * (missed - OUTSIDE);
+        self.followed = self.followed.clamp(-MOST_FOLLOWED, MOST_FOLLOWED);
+        self.n = (self.n + 1.0).min(MEMORY);
+        let second = [along * along, along * across, across * across];
+        for (mean, value) in self.second.iter_mut().zip(second) {
+            *mean += (value - *mean) / self.n;
+        }
+    }
+}
+
+/// Covariances by horizon along, both, across the motion. `said` are the logarithms of the sizes that the network asks
+/// for, `expected` gives the variance on each axis as long as no error is known.
+pub(crate) fn ellipses(
+    moments: &[Moments; HORIZONS],
+    horizons: &Horizons,
+    said: &[f32; HORIZONS],
+    expected: impl Fn(f64) -> f64,
+) -> [[f32; 3]; HORIZONS] {
+    let mut ellipses = [[0.0; 3]; HORIZONS];
+    let mut before: Option<[f32; 3]> = None;
+    let mut followed = 0.0;
+    for (i, (ellipse, moments)) in ellipses.iter_mut().zip(moments).enumerate() {
+        let mut shape = match before {
+            Some(before) => {
+                // An error of the velocity grows with time.
+                let growth = (horizons.times_s[i] / horizons.times_s[i - 1]) as f32;
+                before.map(|value| value * growth * growth)
+            }
+            None => {
+                let variance = expected(horizons.times_s[i]) as f32;
+                [variance, 0.0, variance]
+            }
+        };
+        if moments.n > 0.0 {
+            for (value, second) in shape.iter_mut().zip(moments.second) {
+                *value = (PRIOR * *value + moments.n * second) / (PRIOR + moments.n);
+            }
+            followed = moments.followed;
+        }
+        if moments.n > 0.0 || before.is_some() {
+            before = Some(shape);
+        }
+        let scale = expf(2.0 * (said[i] + followed).clamp(-MOST_SCALE, MOST_SCALE));
+        let [along, both, across] = shape.map(|value| value * scale);
+        *ellipse = [along + LEAST_VARIANCE, both, across + LEAST_VARIANCE];
+    }
+    ellipses
+}
+
+/// A covariance along, both, across `direction` (a unit vector), along x and y.
+pub(crate) fn on_axes([along, both, across]: [f32; 3], direction: [f64; 2]) -> Covariance {
+    let [along, both, across] = [along, both, across].map(f64::from);
+    rotated(&[[along, both], [both, across]], direction)
+}

@@ -1,0 +1,90 @@
+//! The moments ahead at which forecasts are marked: from one step to [`FARTHEST_S`], evenly spaced on a scale of
+//! ratios.
+
+use libm::{exp2, log2};
+
+/// Farthest forecast in seconds.
+pub const FARTHEST_S: f64 = 2.0;
+/// Moments ahead at which forecasts are marked and weighed.
+pub const HORIZONS: usize = 8;
+/// Shortest first horizon in seconds. Faster cameras see less than a robot's motion from frame to frame.
+const LEAST_STEP_S: f64 = 1.0 / 16.0;
+
+/// Times ahead for one length of step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Horizons {
+    /// The first of them, which is the step in which ages are counted.
+    pub(crate) step_s: f64,
+    pub(crate) times_s: [f64; HORIZONS],
+    /// Octaves from one horizon to the next.
+    octaves: f64,
+}
+
+impl Horizons {
+    pub(crate) const ONE_SECOND: Self = Self {
+        step_s: 1.0,
+        times_s: [1.0; HORIZONS],
+        octaves: 0.0,
+    };
+
+    /// For frames that come so often.
+    pub(crate) fn new(frame_period_s: f64) -> Self {
+        let first_s = frame_period_s.max(LEAST_STEP_S);
+        let octaves = log2(FARTHEST_S.max(first_s) / first_s) / (HORIZONS - 1) as f64;
+        let mut times_s = [0.0; HORIZONS];
+        let ratio = exp2(octaves);
+        let mut ahead_s = first_s;
+        for time_s in &mut times_s {
+            *time_s = ahead_s;
+            ahead_s *= ratio;
+        }
+        Self {
+            step_s: first_s,
+            times_s,
+            octaves,
+        }
+    }
+
+    /// Index of the horizon before `ahead_s` and how far, 0 to 1, it lies on the way to the next.
+    pub(crate) fn around(&self, ahead_s: f64) -> (usize, f64) {
+        if ahead_s <= self.times_s[0] || self.octaves <= 0.0 {
+            return (0, 0.0);
+        }
+        let at = log2(ahead_s / self.times_s[0]) / self.octaves;
+        let index = (at as usize).min(HORIZONS - 2);
+        (index, (at - index as f64).clamp(0.0, 1.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn from_one_frame_to_two_seconds() {
+        for period_s in [1.0 / 120.0, 1.0 / 30.0, 1.0 / 15.0, 0.4] {
+            let horizons = Horizons::new(period_s);
+            assert_eq!(horizons.times_s[0], period_s.max(LEAST_STEP_S));
+            assert!((horizons.times_s[HORIZONS - 1] - FARTHEST_S).abs() < 1e-12);
+            assert!(horizons.times_s.is_sorted());
+        }
+    }
+
+    #[test]
+    fn every_moment_lies_between_its_horizons() {
+        let horizons = Horizons::new(1.0 / 15.0);
+        for i in 0..250 {
+            let ahead_s = 0.01 * f64::from(i);
+            let (index, part) = horizons.around(ahead_s);
+            assert!((0.0..=1.0).contains(&part) && index + 1 < HORIZONS);
+            let (from, to) = (horizons.times_s[index], horizons.times_s[index + 1]);
+            if (from..to).contains(&ahead_s) {
+                let expected = libm::log(ahead_s / from) / libm::log(to / from);
+                assert!((part - expected).abs() < 1e-9, "{ahead_s}");
+            }
+        }
+        assert_eq!(horizons.around(99.0), (HORIZONS - 2, 1.0));
+        // Frames too slow for anything but one horizon.
+        assert_eq!(Horizons::new(5.0).around(7.0), (0, 0.0));
+    }
+}
