@@ -1,5 +1,5 @@
 //! A planner's side of overcam: waits for each scene and prints where every marked robot is, and where it will be half a
-//! second later.
+//! second from now, when a command may take effect.
 //!
 //! ```text
 //! cargo run --example planner -- [NAME [SCENES]]
@@ -17,7 +17,10 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::event::EventOpenError;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use rustix::time::{ClockId, clock_gettime};
-use scene::{DEFAULT_SERVICE, Object, SERVICE_SUFFIX, Scene};
+use scene::{DEFAULT_SERVICE, SERVICE_SUFFIX, Scene};
+
+/// Until a command takes effect.
+const DELAY_NS: u64 = 500_000_000;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -71,26 +74,17 @@ fn print(scene: &Scene) -> std::io::Result<()> {
         let (Some(name), Some(heading)) = (robot.marker_name(), robot.heading()) else {
             continue; // an obstacle
         };
-        let (dt, x, y) = half_a_second_ahead(robot);
+        let then = scene.pose_at(robot, now_ns + DELAY_NS);
         writeln!(
             std::io::stdout(),
-            "{} {name} x {:.3} y {:.3} heading {heading:.3} in {dt:.3} s x {x:.3} y {y:.3} age {age_ms:.3} ms",
+            "{} {name} x {:.3} y {:.3} heading {heading:.3} in {:.3} s x {:.3} y {:.3} age {age_ms:.3} ms",
             scene.sequence,
             robot.x,
             robot.y,
+            DELAY_NS as f64 / 1e9,
+            then.x,
+            then.y,
         )?;
     }
     Ok(())
-}
-
-/// The forecast nearest to half a second; a robot without one is taken to stay.
-fn half_a_second_ahead(robot: &Object) -> (f64, f64, f64) {
-    let distance = |dt_s: f64| (dt_s - 0.5).abs();
-    let nearest = robot
-        .forecast()
-        .iter()
-        .min_by(|a, b| distance(a.dt_s).total_cmp(&distance(b.dt_s)));
-    nearest.map_or((0.0, robot.x, robot.y), |point| {
-        (point.dt_s, point.x, point.y)
-    })
 }
