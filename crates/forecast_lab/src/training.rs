@@ -36,7 +36,7 @@ pub struct Plan {
 
 /// What the stored weights were made with.
 pub const PLAN: Plan = Plan {
-    tracks: 6000,
+    tracks: 8000,
     rounds: 2,
     epochs: 6,
 };
@@ -156,7 +156,6 @@ fn tasks(seed: u64, network: &Network) -> Vec<Task> {
     let example = example(seed, FRAMES);
     let settings = Settings {
         frame_period_s: example.step_s,
-        top_speed: 1e4,
         ..Settings::default()
     };
     let mut pupil = Pupil::new(&settings, network.clone());

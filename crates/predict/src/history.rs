@@ -2,7 +2,7 @@
 
 use crate::NS_PER_S;
 
-/// Samples kept; enough for the longest fit and for the network's training window.
+/// Samples kept; enough for the longest fit.
 pub(crate) const MAX_SAMPLES: usize = 32;
 
 /// A place at a moment of the tracker's own clock.

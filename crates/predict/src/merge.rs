@@ -19,10 +19,12 @@
 //!
 //! # The place in the blob
 //!
-//! Things on a floor cannot pass through each other, so each keeps the offset from the blob's centre at which its forecast
-//! saw it go in, and moves with the blob. That two turn round each other does not show; their markers, or failing these their
-//! distances, decide when they come apart. Where what is measured becomes another point of the blob, because one
-//! more joined it or a marker was read in it, the offset is taken anew, so that nothing jumps.
+//! Most things that touch in a picture pass each other closely. So each is at first where its own forecast leads, as long as it lies
+//! as far from the edge of the blob as when it went in, for at most [`LONGEST_PASSING_S`]. Once that fails they must have stopped or
+//! turned: then each keeps the offset from the blob's centre at which it went in, and moves with the blob. That two turn round
+//! each other does not show; their markers, or failing these their places, decide when they come apart. Where what is measured
+//! becomes another point of the blob, because one more joined it or a marker was read in it, the offset is taken anew, so that
+//! nothing jumps.
 //!
 //! The extent is a circle: within a ring, or beside a long wall, it is too large, nothing stands alone there, and a touch is
 //! treated like any other loss of sight.

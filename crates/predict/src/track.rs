@@ -18,9 +18,10 @@
 //!
 //! # An object in a blob with others
 //!
-//! While objects touch (`merge`), the blob's position and the object's place in it make the samples: they show how
-//! it is pushed or carried along, and whether it stands still. When it comes apart from the others, the difference
-//! between where it was thought to be and where it is says nothing of its motion: a jump like that of another measured point.
+//! While objects touch (`merge`), one that may be passing the others coasts on its forecast. Once it has stopped with them,
+//! the blob's position and its place in it make the samples: they show how it is pushed or carried along. When it then comes
+//! apart from the others, the difference between where it was thought to be and where it is says nothing of its motion: a jump like
+//! that of another measured point.
 
 use crate::FORECAST_SPACING_S;
 use crate::MAX_FORECAST;
