@@ -55,6 +55,7 @@ pub(crate) fn pushed_out(walls: &Walls, [x, y]: [f64; 2]) -> Walls {
 #[derive(Debug, Clone)]
 pub(crate) struct Forecaster {
     network: Network,
+    descent: Descent,
     marks: Marks,
 }
 
@@ -90,6 +91,7 @@ struct Known {
 impl Forecaster {
     pub(crate) const START: Self = Self {
         network: Network::START,
+        descent: DESCENT,
         marks: Marks::START,
     };
 
@@ -100,9 +102,9 @@ impl Forecaster {
         };
         let horizons = Horizons::new(settings.frame_period_s);
         let before = history.samples().iter().rev().nth(1);
-        let network = &mut self.network;
+        let (network, descent) = (&mut self.network, self.descent);
         self.marks.compare(newest, before, &horizons, |comparison| {
-            train(network, comparison);
+            train(network, comparison, descent);
         });
     }
 
@@ -163,10 +165,15 @@ impl Forecaster {
         self.marks.withdraw();
     }
 
-    /// A track that starts with another network.
+    /// A track with another network, which stays as it is: it would be pulled to the stored start weights.
     pub(crate) fn with(network: Network) -> Self {
         Self {
             network,
+            descent: Descent {
+                rate: 0.0,
+                pull: 0.0,
+                ..DESCENT
+            },
             ..Self::START
         }
     }
@@ -233,7 +240,7 @@ impl Forecaster {
 
 /// One step of backpropagation on an earlier forecast and what came of it. Loss: ln(1 + e²/s²), e the mixture's error and s
 /// the best expert's usual one; beyond s, a miss pulls the less the larger it is.
-fn train(network: &mut Network, comparison: &Comparison<'_>) {
+fn train(network: &mut Network, comparison: &Comparison<'_>, descent: Descent) {
     let Comparison {
         issued,
         horizon,
@@ -256,7 +263,7 @@ fn train(network: &mut Network, comparison: &Comparison<'_>) {
     let answer = network.forward(&issued.inputs);
     let mut by_outputs = [0.0; OUTPUTS];
     back_to_said(&answer, horizon, &by_logits, &mut by_outputs);
-    network.train(&issued.inputs, &answer, &by_outputs, DESCENT);
+    network.train(&issued.inputs, &answer, &by_outputs, descent);
 }
 
 impl Forecast {

@@ -41,7 +41,7 @@ pub struct Lesson {
 }
 
 impl Pupil {
-    /// A track that starts with this network.
+    /// A track with this network, which does not learn on it.
     #[must_use]
     pub fn new(settings: &Settings, network: Network) -> Self {
         Self {

@@ -233,7 +233,7 @@ fn twenty_that_cross_keep_their_numbers() {
     let count = crowd(20, 0.0, 0.1, 20);
     let switches = count.switches_per_1000();
     println!("20 crossing: {switches:.2} switches in 1000 object frames");
-    // Measured .28; what is left are pairs that turn back at a wall side by side.
+    // Measured .24; what is left are pairs that turn back at a wall side by side.
     assert!(switches <= 0.5, "{count:?}");
 }
 
