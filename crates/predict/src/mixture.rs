@@ -33,6 +33,9 @@ const SHARPNESS: core::ops::Range<f32> = -4.0..2.0;
 /// Largest mark that counts: far enough to leave nothing of an expert that is wrong where another is exact.
 const MOST_MARK: f32 = 40.0;
 
+/// Logarithm of a share, over the largest, that is none.
+const LEAST_LOGIT: f32 = -40.0;
+
 /// By horizon and expert.
 pub type ByExpert<T> = [[T; EXPERTS]; HORIZONS];
 
@@ -173,7 +176,11 @@ fn softmax(logits: &mut [f32; EXPERTS]) {
     let most = logits.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
     let mut sum = 0.0;
     for logit in logits.iter_mut() {
-        *logit = expf(*logit - most);
+        *logit = match *logit - most {
+            // Nothing, rather than numbers so small that processors are slow with them.
+            below if below < LEAST_LOGIT => 0.0,
+            below => expf(below),
+        };
         sum += *logit;
     }
     for share in logits {
