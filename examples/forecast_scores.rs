@@ -1,47 +1,47 @@
 //! The scoreboard of forecasts: how wrong overcam and the predictors that everybody knows are on recorded tracks.
 //!
 //! ```text
-//! cargo run --release --example forecast_scores -- [--json] [--paper] FILES
+//! cargo run --release --example forecast_scores -- [--json] FILES
 //! ```
 //!
 //! A file is text, a line a sample: `time_s id x y [heading_rad]`, blank- or comma-separated, `#` begins a comment, the samples of
 //! an id in order of time and without gaps. A forecast made at an id's sample i (from 0) for sample i + k is scored for every
 //! i >= 7 with i + k inside the track, by its distance from that sample; ellipses from sample 15 on. k goes up to two
-//! seconds. `--json` prints one object a line. The paper's own network is slow and left out of files of more than 5000 samples
-//! unless `--paper` is given.
+//! seconds. `--json` prints one object a line.
 
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::io::Write;
+use std::process::ExitCode;
 use std::time::Instant;
 
 use forecast_lab::scores::{Board, Contestant, LINE5, OVERCAM, PREDICTORS, Sample, Scene};
 
 /// Samples ahead that are scored, as far as they are within [`predict::FARTHEST_S`].
 const STEPS: [usize; 13] = [1, 2, 3, 4, 5, 8, 10, 15, 20, 30, 45, 60, 120];
-const PAPER: usize = 6;
-const MANY_SAMPLES: usize = 5000;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
     let (flags, files): (Vec<String>, Vec<String>) = std::env::args()
         .skip(1)
         .partition(|word| word.starts_with("--"));
-    let has = |name: &str| flags.iter().any(|flag| flag == name);
-    if let Some(flag) = flags
-        .iter()
-        .find(|flag| !["--json", "--paper"].contains(&flag.as_str()))
-    {
-        return Err(format!("unknown flag {flag}: there are --json and --paper").into());
+    if let Some(flag) = flags.iter().find(|flag| *flag != "--json") {
+        eprintln!("error: unknown flag {flag}: there is --json");
+        return ExitCode::from(2);
     }
     if files.is_empty() {
-        return Err("no files given: name text files of 'time_s id x y [heading_rad]'".into());
+        eprintln!("error: no files given; name text files of 'time_s id x y [heading_rad]'");
+        return ExitCode::from(2);
     }
     for file in &files {
-        let text = std::fs::read_to_string(file).map_err(|e| format!("cannot read {file}: {e}"))?;
-        let tracks = parsed(&text).map_err(|e| format!("{file}: {e}"))?;
-        score(file, &tracks, has("--json"), has("--paper"))?;
+        let scored = std::fs::read_to_string(file)
+            .map_err(|e| e.to_string())
+            .and_then(|text| parsed(&text))
+            .and_then(|tracks| score(file, &tracks, !flags.is_empty()).map_err(|e| e.to_string()));
+        if let Err(error) = scored {
+            eprintln!("error: {file}: {error}");
+            return ExitCode::FAILURE;
+        }
     }
-    Ok(())
+    ExitCode::SUCCESS
 }
 
 /// The tracks of a file, by id.
@@ -90,12 +90,7 @@ fn parsed(text: &str) -> Result<Vec<Vec<Sample>>, String> {
     Ok(tracks.into_values().collect())
 }
 
-fn score(
-    file: &str,
-    tracks: &[Vec<Sample>],
-    json: bool,
-    with_paper: bool,
-) -> Result<(), Box<dyn Error>> {
+fn score(file: &str, tracks: &[Vec<Sample>], json: bool) -> std::io::Result<()> {
     let scene = Scene::of(tracks);
     let step_s = scene.scale.step_s;
     let near = |steps: &usize| *steps as f64 * step_s <= predict::FARTHEST_S * 1.01;
@@ -104,9 +99,7 @@ fn score(
         steps.push(1);
     }
     let n_samples: usize = tracks.iter().map(Vec::len).sum();
-    let which: Vec<usize> = (0..PREDICTORS.len())
-        .filter(|predictor| *predictor != PAPER || with_paper || n_samples <= MANY_SAMPLES)
-        .collect();
+    let which: Vec<usize> = (0..PREDICTORS.len()).collect();
     let mut board = Board::new(&steps);
     for track in tracks {
         let truth: Vec<[f64; 2]> = track.iter().map(|sample| sample.place).collect();

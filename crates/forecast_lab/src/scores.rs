@@ -30,6 +30,8 @@ pub const PREDICTORS: [&str; 8] = [
 pub const OVERCAM: usize = PREDICTORS.len() - 1;
 /// Index of the least-squares line through five places.
 pub const LINE5: usize = 2;
+/// Index of the paper's own network, by far the slowest.
+pub const PAPER: usize = 6;
 /// First sample, from 0, at which forecasts are scored.
 const FIRST_SCORED: usize = 7;
 /// First sample from which the ellipse is expected to hold.
@@ -147,7 +149,17 @@ impl Contestant {
     /// A predictor by its index in [`PREDICTORS`], for an object that will be seen at `samples`.
     #[must_use]
     pub fn new(predictor: usize, scene: &Scene, samples: &[Sample]) -> Self {
-        make(predictor, scene, samples)
+        let scale = scene.scale;
+        Contestant::Classical(match predictor {
+            0 => Box::new(Polynomial::hold()),
+            1 => Box::new(Polynomial::cv()),
+            LINE5 => Box::new(Polynomial::line5()),
+            3 => Box::new(Polynomial::parabola8()),
+            4 => Box::new(Filters::kalman_cv(scale)),
+            5 => Box::new(Filters::imm(scale)),
+            PAPER => Box::new(PaperNetwork::new(scale.step_s, scene.low, scene.high)),
+            _ => return Contestant::Overcam(Box::new(Overcam::new(scale.step_s, samples))),
+        })
     }
 
     /// Takes the next sample.
@@ -166,20 +178,6 @@ impl Contestant {
             Self::Overcam(overcam) => overcam.at(ahead_s),
         }
     }
-}
-
-fn make(predictor: usize, scene: &Scene, samples: &[Sample]) -> Contestant {
-    let scale = scene.scale;
-    Contestant::Classical(match predictor {
-        0 => Box::new(Polynomial::hold()),
-        1 => Box::new(Polynomial::cv()),
-        LINE5 => Box::new(Polynomial::line5()),
-        3 => Box::new(Polynomial::parabola8()),
-        4 => Box::new(Filters::kalman_cv(scale)),
-        5 => Box::new(Filters::imm(scale)),
-        6 => Box::new(PaperNetwork::new(scale.step_s, scene.low, scene.high)),
-        _ => return Contestant::Overcam(Box::new(Overcam::new(scale.step_s, samples))),
-    })
 }
 
 /// The tracker, shown one object.

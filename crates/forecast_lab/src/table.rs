@@ -3,7 +3,7 @@
 use crate::classical::Scale;
 use crate::motions::{Kind, Path};
 use crate::random::Random;
-use crate::scores::{Board, Contestant, OVERCAM, PREDICTORS, Sample, Scene};
+use crate::scores::{Board, Contestant, OVERCAM, PAPER, PREDICTORS, Sample, Scene};
 
 /// Standard deviations of the noise in pixels.
 pub const NOISES: [f64; 3] = [0.1, 0.3, 1.0];
@@ -17,8 +17,6 @@ const RUNS: u64 = 12;
 const FIRST_RUN: u64 = 5000;
 /// Samples after a gap that count as after it.
 const AFTER_GAP: usize = 3;
-/// The paper's network is left out: it takes longer than all others together, and is never the best.
-const PAPER: usize = 6;
 
 /// One line of the table.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +48,7 @@ pub fn geometric_mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 fn rows_of(kind: Kind) -> Vec<Row> {
+    // The paper's network takes longer than all others together.
     let which: Vec<usize> = (0..PREDICTORS.len()).filter(|p| *p != PAPER).collect();
     let scored: Vec<(f64, Board, Board)> = NOISES
         .into_iter()
