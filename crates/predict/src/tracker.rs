@@ -134,10 +134,10 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         let (checked, taken) = (&checked[..n_seen], &mut taken[..n_seen]);
         update.rejected = taken.iter().filter(|taken| **taken).count();
 
-        let sightings = self.sightings(checked, taken, frame_s);
         for observation in checked.iter().flatten() {
             self.walls = pushed_out(&self.walls, [observation.x, observation.y]);
         }
+        let sightings = self.sightings(checked, taken, frame_s);
         let now = Now {
             ns: self.clock_ns,
             walls: self.walls,

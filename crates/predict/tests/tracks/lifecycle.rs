@@ -355,6 +355,19 @@ fn a_marker_long_unread_is_given_up_and_may_come_back() {
 }
 
 #[test]
+fn tracks_outlive_the_floor() {
+    let blobs = [blob([100.0, 100.0]), blob([200.0, 150.0])];
+    let mut floor = Floor::new();
+    for _ in 0..5 {
+        floor.see(&blobs);
+    }
+    floor.tracker.forget_floor();
+    floor.see(&blobs);
+    let observed: Vec<_> = floor.tracker.tracks().map(Track::observed).collect();
+    assert_eq!(observed, [Some(0), Some(1)]);
+}
+
+#[test]
 fn what_does_not_fit_is_counted() {
     let far_apart = |i: usize| blob([500.0 * (i % 20) as f64, 500.0 * (i / 20) as f64]);
     let seen: Vec<_> = (0..300).map(far_apart).collect();
