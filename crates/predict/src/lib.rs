@@ -7,7 +7,8 @@
 //! 1. `tracker`: identities. Every track is forecast to the frame's own time stamp, sightings are assigned to
 //!    tracks, a missing sighting is replaced by the forecast for a while, new things start tracks (section 3.1.1). A robot
 //!    whose marker is read keeps its number wherever it turns up.
-//! 2. `assign`: which sighting belongs to which track, all at once at the least cost.
+//! 2. `assign`: which sighting belongs to which track, all at once at the least cost. `hypotheses` are the places at which an
+//!    object may be: where it is forecast, where its newest step leads, where a wall throws it back.
 //! 3. `merge`: which observations are of several objects that touch, and where in it each of them is.
 //! 4. `track`: what is known of one object; `history` and `heading` hold its samples.
 //! 5. `forecast`: a mixture of classical forecasts. `experts` are fits of a few kinds of `motion` to stretches of the past;
@@ -58,6 +59,7 @@ mod forecast;
 mod heading;
 mod history;
 mod horizon;
+mod hypotheses;
 mod inputs;
 mod marks;
 mod merge;

@@ -32,6 +32,7 @@
 use libm::{fabs, sqrt};
 
 use crate::covariance::{Covariance, trace};
+use crate::hypotheses::Hypotheses;
 use crate::observation::{Observation, Settings};
 use crate::track::Track;
 use crate::vector::{add, norm, norm_squared, scale, sub};
@@ -222,7 +223,7 @@ impl Place {
 /// If there are more than [`MAX_TRACKS`] tracks.
 pub(crate) fn find_merged<'a>(
     tracks: &[Track],
-    expected: &[([f64; 2], Covariance)],
+    hypotheses: &[Hypotheses],
     observations: &'a [Option<Observation>],
     read: &[Option<usize>],
     may_merge: impl Fn(&Track) -> bool,
@@ -232,7 +233,7 @@ pub(crate) fn find_merged<'a>(
         around[i] = match read[i] {
             None if may_merge(track) => {
                 // What runs into another may stop at once.
-                observation_around([expected[i].0, track.position()], observations)
+                observation_around([hypotheses[i].forecast(), track.position()], observations)
             }
             read => read,
         };

@@ -30,6 +30,7 @@ use crate::covariance::{Covariance, semidefinite};
 use crate::forecast::{Forecast, Forecaster, Walls};
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
+use crate::hypotheses::Hypotheses;
 use crate::merge::{Alone, MergedBlob, Place};
 use crate::observation::{Heading, Observation, Settings};
 use crate::vector::{add, scale, sub};
@@ -252,9 +253,18 @@ impl Track {
     }
 
     /// Where the object should be now, and how surely.
-    pub(crate) fn expected(&self, now_ns: u64) -> ([f64; 2], Covariance) {
+    fn expected(&self, now_ns: u64) -> ([f64; 2], Covariance) {
         let (place, covariance) = self.ahead.at(self.unmeasured_s(now_ns));
         (add(place, self.shift), covariance)
+    }
+
+    /// Where the object may be now.
+    pub(crate) fn hypotheses(&self, now: Now<'_>) -> Hypotheses {
+        let samples = self.history.samples();
+        let newest = samples.last().unwrap_or(&Sample::EMPTY);
+        let position = add(newest.position, self.shift);
+        let (_, noise) = self.ahead.at(0.0);
+        Hypotheses::new(self.expected(now.ns), position, &noise, samples, now)
     }
 
     /// Whether enough was seen of it to report it.

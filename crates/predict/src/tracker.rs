@@ -1,10 +1,8 @@
 //! The life of tracks: forecast, assignment, substitution, retirement, birth (section 3.1.1 of the paper).
 
-use libm::log;
-
 use crate::assign::assign;
-use crate::covariance::{Covariance, trace};
 use crate::forecast::{NO_WALLS, Walls, pushed_out};
+use crate::hypotheses::Hypotheses;
 use crate::merge::{Sighting, find_merged, stands_alone};
 use crate::observation::{Observation, Settings};
 use crate::track::{Now, Track};
@@ -14,12 +12,8 @@ use crate::{MAX_OBSERVATIONS, MAX_TRACKS, NS_PER_S};
 /// Gate of a track seen in the last frame, in ways at top speed since then. The forecast may be as wrong as twice
 /// the top speed where an object turns back; narrower gates lose objects in measurements, wider ones gain nothing.
 const GATE_SPEEDS: f64 = 3.0;
-/// Variances between which logarithms are finite, whatever the settings.
-const VARIANCES: [f64; 2] = [1e-30, 1e30];
 /// By how much unlikelier it is that a thing is not seen than that it is seen at the edge of its gate.
 const UNSEEN: f64 = 3.0;
-/// Least standard deviation of a forecast, in [`Settings::gate_base`].
-const LEAST_SPREAD_GATES: f64 = 0.02;
 /// How much wider the gate is between an observation and the track of the same marker: no other track may claim
 /// that, so a robot may have been carried a bit.
 const SAME_MARKER_GATES: f64 = 3.0;
@@ -137,12 +131,12 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         for observation in checked.iter().flatten() {
             self.walls = pushed_out(&self.walls, [observation.x, observation.y]);
         }
-        let sightings = self.sightings(checked, taken, frame_s);
         let now = Now {
             ns: self.clock_ns,
             walls: self.walls,
             settings,
         };
+        let sightings = self.sightings(checked, taken, frame_s, now);
         let alive = &mut self.storage.as_mut()[..self.n_tracks];
         for (track, sighting) in alive.iter_mut().zip(sightings) {
             match sighting {
@@ -204,30 +198,24 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         observations: &'a [Option<Observation>],
         taken: &mut [bool],
         frame_s: f64,
+        now: Now<'_>,
     ) -> [Sighting<'a>; MAX_TRACKS] {
         let tracks = self.alive();
-        let mut expected: [([f64; 2], Covariance); MAX_TRACKS] = [Default::default(); MAX_TRACKS];
+        let mut hypotheses = [Hypotheses::NONE; MAX_TRACKS];
         let mut gates = [0.0; MAX_TRACKS];
         for (i, track) in tracks.iter().enumerate() {
-            expected[i] = track.expected(self.clock_ns);
-            // Where nothing ever was, nothing will be seen.
-            let [low, high] = self.walls;
-            for (axis, place) in expected[i].0.iter_mut().enumerate() {
-                *place = place.max(low[axis]).min(high[axis]);
-            }
+            hypotheses[i] = track.hypotheses(now);
             gates[i] = self.gate(track, frame_s);
         }
-        let settings = &self.settings;
         let within = |track: usize, observation: &Observation, gates_wide: f64| {
-            let apart = sub([observation.x, observation.y], expected[track].0);
-            let distance = norm(apart);
-            (distance <= gates_wide * gates[track])
-                .then(|| unlikelihood(distance, &expected[track].1, settings))
+            let place = [observation.x, observation.y];
+            let apart = sub(place, hypotheses[track].forecast());
+            (norm(apart) <= gates_wide * gates[track])
+                .then(|| hypotheses[track].unlikelihood(place))
         };
         let mut observation_of = [None; MAX_TRACKS];
         let alive = &mut observation_of[..tracks.len()];
-        let unseen =
-            |track: usize| UNSEEN + unlikelihood(gates[track], &expected[track].1, settings);
+        let unseen = |track: usize| UNSEEN + hypotheses[track].unlikelihood_at(gates[track]);
         assign(
             alive,
             taken,
@@ -255,8 +243,8 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
                     .is_some_and(|observation| within(track, observation, 1.0).is_none());
             }
         }
-        let merged = find_merged(tracks, &expected, observations, alive, |track| {
-            track.may_merge(self.clock_ns, &self.settings)
+        let merged = find_merged(tracks, &hypotheses, observations, alive, |track| {
+            track.may_merge(now.ns, now.settings)
         });
         for (assigned, blob) in alive.iter_mut().zip(&merged) {
             if let Some(blob) = blob {
@@ -349,13 +337,4 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         self.n_tracks = kept;
         retired
     }
-}
-
-/// Minus the logarithm of how likely a thing is seen so far from where it is expected, up to a constant: Cauchy's distribution in
-/// the plane. A forecast is mostly right within its covariance, but when it is wrong, at a wall or after a push, it may be wrong by
-/// any amount; so one that fits and one that is far off are likelier together than two that fit badly.
-fn unlikelihood(distance: f64, covariance: &Covariance, settings: &Settings) -> f64 {
-    let least = LEAST_SPREAD_GATES * settings.gate_base;
-    let variance = (0.5 * trace(covariance) + least * least).clamp(VARIANCES[0], VARIANCES[1]);
-    log(variance) + 1.5 * log(1.0 + distance * distance / variance)
 }

@@ -230,11 +230,11 @@ impl Count {
 
 #[test]
 fn twenty_that_cross_keep_their_numbers() {
-    let count = crowd(20, 0.0, 0.1, 20);
+    let count = crowd(20, 0.0, 0.1, 60);
     let switches = count.switches_per_1000();
     println!("20 crossing: {switches:.2} switches in 1000 object frames");
-    // Measured .24; what is left are pairs that turn back at a wall side by side.
-    assert!(switches <= 0.5, "{count:?}");
+    // Measured .03; what is left are pairs that go side by side, and tracks of two or three samples.
+    assert!(switches <= 0.1, "{count:?}");
 }
 
 #[test]
@@ -242,7 +242,8 @@ fn fifty_that_merge_seldom_change_their_numbers() {
     let count = crowd(50, 8.0, 0.1, 10);
     let switches = count.switches_per_1000();
     println!("50 merging: {switches:.2} switches in 1000 object frames");
-    assert!(switches <= 3.0, "{count:?}");
+    // Measured 1.7; most change as they leave a blob in which one of them has turned.
+    assert!(switches <= 2.2, "{count:?}");
 }
 
 #[test]
@@ -250,5 +251,5 @@ fn false_blobs_make_no_ghosts() {
     let count = crowd(20, 0.0, 1.0, 6);
     let part = count.ghosts as f64 / count.track_frames as f64;
     println!("ghosts: {:.2} % of track frames", 100.0 * part);
-    assert!(part < 0.01, "{count:?}");
+    assert!(part < 0.005, "{count:?}");
 }
