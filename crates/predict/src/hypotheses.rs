@@ -11,7 +11,7 @@ use crate::covariance::{Covariance, trace};
 use crate::forecast::Walls;
 use crate::history::Sample;
 use crate::track::Now;
-use crate::vector::{add, norm_squared, scale, sub};
+use crate::vector::{add, norm, norm_squared, scale, sub};
 
 /// The forecast, the newest step and a wall.
 const MOST: usize = 3;
@@ -28,6 +28,8 @@ pub(crate) struct Hypotheses {
     /// The first `len` hold; the very first is the forecast.
     places: [Hypothesis; MOST],
     len: usize,
+    /// Its place at the newest sample.
+    last: [f64; 2],
 }
 
 /// An object is here.
@@ -48,6 +50,7 @@ impl Hypotheses {
             cost: 0.0,
         }; MOST],
         len: 0,
+        last: [0.0; 2],
     };
 
     /// Of an object with this `forecast`. `position` is its place at the newest of `samples`, `noise` the covariance of that.
@@ -58,7 +61,10 @@ impl Hypotheses {
         samples: &[Sample],
         now: Now<'_>,
     ) -> Self {
-        let mut hypotheses = Self::NONE;
+        let mut hypotheses = Self {
+            last: position,
+            ..Self::NONE
+        };
         hypotheses.add(place, 0.5 * trace(&covariance), 0.0, now);
         let noise = 0.5 * trace(noise);
         if let [.., before, newest] = samples {
@@ -94,6 +100,11 @@ impl Hypotheses {
     /// Where the forecast has it.
     pub(crate) fn forecast(&self) -> [f64; 2] {
         self.places[0].place
+    }
+
+    /// How far the object would have gone since its newest sample.
+    pub(crate) fn way_to(&self, place: [f64; 2]) -> f64 {
+        norm(sub(place, self.last))
     }
 
     /// Minus the logarithm of how likely the object is seen here, up to a constant.

@@ -12,6 +12,9 @@ use crate::{MAX_OBSERVATIONS, MAX_TRACKS, NS_PER_S};
 /// Gate of a track seen in the last frame, in ways at top speed since then. The forecast may be as wrong as twice
 /// the top speed where an object turns back; narrower gates lose objects in measurements, wider ones gain nothing.
 const GATE_SPEEDS: f64 = 3.0;
+/// Farthest from its last place that an object is looked for, in ways at top speed since then: whatever its forecast says, it cannot
+/// have gone farther, and a false blob out there would send the track away. Two, since top speeds are guessed.
+const REACH_SPEEDS: f64 = 2.0;
 /// By how much unlikelier it is that a thing is not seen than that it is seen at the edge of its gate.
 const UNSEEN: f64 = 3.0;
 /// How much wider the gate is between an observation and the track of the same marker: no other track may claim
@@ -202,15 +205,17 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
     ) -> [Sighting<'a>; MAX_TRACKS] {
         let tracks = self.alive();
         let mut hypotheses = [Hypotheses::NONE; MAX_TRACKS];
-        let mut gates = [0.0; MAX_TRACKS];
+        let (mut gates, mut reaches) = ([0.0; MAX_TRACKS], [0.0; MAX_TRACKS]);
         for (i, track) in tracks.iter().enumerate() {
             hypotheses[i] = track.hypotheses(now);
             gates[i] = self.gate(track, frame_s);
+            reaches[i] = self.reach(track);
         }
         let within = |track: usize, observation: &Observation, gates_wide: f64| {
             let place = [observation.x, observation.y];
-            let apart = sub(place, hypotheses[track].forecast());
-            (norm(apart) <= gates_wide * gates[track])
+            let apart = norm(sub(place, hypotheses[track].forecast()));
+            let way = hypotheses[track].way_to(place);
+            (apart <= gates_wide * gates[track] && way <= gates_wide * reaches[track])
                 .then(|| hypotheses[track].unlikelihood(place))
         };
         let mut observation_of = [None; MAX_TRACKS];
@@ -295,6 +300,13 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         let unseen_s = (track.unmeasured_s(self.clock_ns) - frame_s).max(0.0);
         let way = settings.top_speed * (GATE_SPEEDS * frame_s + unseen_s);
         settings.gate_base + track.blob_reach() + way
+    }
+
+    /// Furthest from its last place that an object is looked for, in units.
+    fn reach(&self, track: &Track) -> f64 {
+        let settings = &self.settings;
+        let way = settings.top_speed * track.unmeasured_s(self.clock_ns);
+        settings.gate_base + track.blob_reach() + REACH_SPEEDS * way
     }
 
     /// The number of a new track: that which the robot of this marker had, or the next.
