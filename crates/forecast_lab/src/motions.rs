@@ -300,8 +300,10 @@ pub struct Example {
 pub fn example(seed: u64, n: usize) -> Example {
     let random = &mut Random::new(seed ^ 0x5eed);
     let rate =
-        [15.0, 30.0, 60.0, 10.0, 5.0, 2.5][drawn(&[0.45, 0.22, 0.04, 0.08, 0.06, 0.15], random)];
+        [15.0, 30.0, 60.0, 10.0, 5.0, 2.5][drawn(&[0.33, 0.17, 0.04, 0.08, 0.08, 0.30], random)];
     let step_s: f64 = 1.0 / rate;
+    // What a slow camera sees passes through its picture within a few dozen frames.
+    let n = if rate < 8.0 { n / 3 } else { n };
     // What a slow camera is pointed at moves slowly for its picture, too.
     let slow = if rate < 8.0 {
         random.between(1.0, 3.0)
@@ -415,8 +417,10 @@ pub fn example(seed: u64, n: usize) -> Example {
         [0.0; 3]
     };
     let whole = random.chance(0.08);
+    // Now and then something else is taken for the object, somewhere within the way of a few frames.
+    let mistaken = if random.chance(0.2) { 0.015 } else { 0.0 };
     let mut offset = [random.normal(), random.normal()];
-    let gaps = random.chance(0.25);
+    let gaps = random.chance(0.35);
     let losses = if random.chance(0.15) { 0.1 } else { 0.0 };
     let uneven = random.chance(0.2);
     let mut seen = Vec::with_capacity(n);
@@ -431,7 +435,7 @@ pub fn example(seed: u64, n: usize) -> Example {
         offset = [0, 1].map(|axis| {
             lasting * offset[axis] + (1.0 - lasting * lasting).sqrt() * random.normal()
         });
-        if gaps && hidden == 0 && frame > 6 && random.chance(0.02) {
+        if gaps && hidden == 0 && frame > 6 && random.chance(0.03) {
             hidden = 1 + random.below(10);
         }
         if hidden > 0 {
@@ -458,6 +462,10 @@ pub fn example(seed: u64, n: usize) -> Example {
                 + sway[axis]
                 + sigma * (share.sqrt() * offset[axis] + (1.0 - share).sqrt() * fresh[axis])
         });
+        if random.chance(mistaken) {
+            let reach = 4.0 * typical * step_s + 4.0 * sigma;
+            place = place.map(|c| c + random.between(-reach, reach));
+        }
         if whole {
             place = place.map(f64::round);
         }

@@ -46,16 +46,19 @@ const FRAMES: usize = 120;
 /// Samples before the first lesson, and before the first that counts for the best expert in hindsight.
 const FIRST_LESSON: usize = 2;
 const FIRST_COUNTED: usize = 8;
-/// The first so many samples' lessons count more: there are few of them, and every track begins with them.
+/// The lessons of the first so many samples count more, of a track and after a gap: there are few of them, and every track begins with
+/// them.
 const EARLY: usize = 10;
+const EARLY_AFTER_GAP: usize = 3;
 const EARLY_WEIGHT: f32 = 3.0;
+/// Steps that make a gap.
+const GAP_STEPS: f64 = 1.5;
 /// Added to the unit of the error: parts of a step's way and of the noise, and pixels.
 const UNIT_FLOOR: [f64; 3] = [0.004, 0.03, 1e-3];
 /// Errors beyond so many units grow with the logarithm.
 const FAR: f32 = 4.0;
-/// Part that should lie within the 95 % ellipse at the first and the last horizon: real motion changes its mind
-/// more than a generated one, far ahead before all.
-const WITHIN: [f32; 2] = [0.95, 0.965];
+/// Part that should lie within the 95 % ellipse: real motion changes its mind a bit more often than a generated one.
+const WITHIN: f32 = 0.957;
 /// 95 % quantile of chi-squared with two degrees of freedom.
 const WITHIN_95: f32 = 5.991;
 /// Weight of the ellipse's loss.
@@ -161,7 +164,14 @@ fn tasks(seed: u64, network: &Network) -> Vec<Task> {
     let mut pupil = Pupil::new(&settings, network.clone());
     let mut random = Random::new(seed ^ 0xaaaa);
     let mut tasks = Vec::with_capacity(FRAMES);
+    let (mut before_s, mut since_gap) = (0.0, 0);
     for (i, (time_s, place)) in example.seen.iter().enumerate() {
+        since_gap = if time_s - before_s > GAP_STEPS * example.step_s {
+            0
+        } else {
+            since_gap + 1
+        };
+        before_s = *time_s;
         let heading = example.headings.as_ref().map(|headings| headings[i]);
         pupil.see(((time_s + 1.0) * 1e9) as u64, *place, heading);
         if i < FIRST_LESSON {
@@ -180,7 +190,11 @@ fn tasks(seed: u64, network: &Network) -> Vec<Task> {
             truth,
             came,
             unit: [1.0; HORIZONS],
-            weight: if i < EARLY { EARLY_WEIGHT } else { 1.0 },
+            weight: if i < EARLY || since_gap < EARLY_AFTER_GAP {
+                EARLY_WEIGHT
+            } else {
+                1.0
+            },
         });
     }
     set_units(&mut tasks, &example);
@@ -285,11 +299,10 @@ impl Task {
         let distance = (d * along * along - 2.0 * b * along * across + a * across * across)
             / (a * d - b * b).max(1e-30);
         let wanted = 0.5 * (distance.max(1e-8) / WITHIN_95).ln();
-        let within = WITHIN[0] + (WITHIN[1] - WITHIN[0]) * horizon as f32 / (HORIZONS - 1) as f32;
         let slope = if spread < wanted {
-            -within
+            -WITHIN
         } else {
-            1.0 - within
+            1.0 - WITHIN
         };
         loss.ellipse += f64::from(slope * (spread - wanted));
         ELLIPSE_WEIGHT * slope

@@ -24,10 +24,12 @@ const MEMORY: f32 = 60.0;
 /// Comparisons that the moments expected beforehand are worth.
 const PRIOR: f32 = 3.0;
 /// Step of the size's logarithm at the first and at the last horizon, where comparisons are seldom.
-const FOLLOW: [f32; 2] = [0.05, 0.12];
+const FOLLOW: [f32; 2] = [0.15, 0.4];
 /// Bounds of the logarithm followed, and of all corrections together.
 const MOST_FOLLOWED: f32 = 2.0;
 const MOST_SCALE: f32 = 3.0;
+/// Least growth of a variance from one horizon to the next.
+const LEAST_GROWTH: f32 = 1.02;
 /// Least variance, in squared units: an ellipse has an inside.
 const LEAST_VARIANCE: f32 = 1e-12;
 
@@ -77,6 +79,7 @@ pub(crate) fn ellipses(
     let mut ellipses = [[0.0; 3]; HORIZONS];
     let mut before: Option<[f32; 3]> = None;
     let mut followed = 0.0;
+    let mut least = [LEAST_VARIANCE; 2];
     for (i, (ellipse, moments)) in ellipses.iter_mut().zip(moments).enumerate() {
         let mut shape = match before {
             Some(before) => {
@@ -100,7 +103,12 @@ pub(crate) fn ellipses(
         }
         let scale = expf(2.0 * (said[i] + followed).clamp(-MOST_SCALE, MOST_SCALE));
         let [along, both, across] = shape.map(|value| value * scale);
-        *ellipse = [along + LEAST_VARIANCE, both, across + LEAST_VARIANCE];
+        // Sizes follow what happened at each horizon by itself; but of what is farther away one knows a little less.
+        least = [
+            along.max(LEAST_GROWTH * least[0]),
+            across.max(LEAST_GROWTH * least[1]),
+        ];
+        *ellipse = [least[0], both, least[1]];
     }
     ellipses
 }

@@ -16,8 +16,11 @@ pub const EXPERTS: usize = 12;
 pub(crate) const MIN_TURN_SAMPLES: usize = 3;
 /// Fastest turn in radians a sample; beyond it five samples cover half a circle and a fit is ambiguous.
 const MAX_TURN_PER_SAMPLE: f64 = 0.6;
-/// Samples whose mean distance in time is that of a sample.
-const STEP_SAMPLES: usize = 9;
+/// Steps whose median is the usual one: gaps are seldom.
+const USUAL_STEPS: usize = 8;
+/// A fit to n samples looks back n - 1 usual steps times this. So after a gap it holds what has been seen since, as soon as that is
+/// enough: what happened in a gap is not known, and a place before it, far back in time, would tell more of a velocity than all since.
+const STRETCH: f64 = 1.6;
 
 #[derive(Debug, Clone, Copy)]
 enum Fit {
@@ -34,14 +37,14 @@ enum Fit {
 const FITS: [(Fit, usize); EXPERTS] = [
     (Fit::Rest, 1),
     (Fit::Rest, 16),
-    (Fit::Line, 3),
-    (Fit::Line, 5),
-    (Fit::Line, 9),
+    (Fit::Line, 2),
+    (Fit::Line, 6),
+    (Fit::Line, 12),
     (Fit::Line, 32),
-    (Fit::Turn, 4),
-    (Fit::Turn, 7),
-    (Fit::Turn, 12),
-    (Fit::Turn, 24),
+    (Fit::Turn, 5),
+    (Fit::Turn, 9),
+    (Fit::Turn, 16),
+    (Fit::Turn, 32),
     (Fit::Steered, 5),
     (Fit::Walled, 5),
 ];
@@ -78,20 +81,30 @@ impl Past {
         self.len
     }
 
-    /// Mean time between the newest samples; `None` for fewer than two.
-    pub(crate) fn mean_step_s(&self) -> Option<f64> {
-        match self.newest(STEP_SAMPLES) {
-            [] | [_] => None,
-            [.., oldest] => {
-                let n = self.len.min(STEP_SAMPLES);
-                Some(-oldest.time_s / (n - 1) as f64)
-            }
+    /// Usual time between two samples; `None` for fewer than two.
+    pub(crate) fn usual_step_s(&self) -> Option<f64> {
+        let n_steps = self.len.saturating_sub(1).min(USUAL_STEPS);
+        let mut steps_s = [0.0; USUAL_STEPS];
+        for (step_s, pair) in steps_s.iter_mut().zip(self.points[..self.len].windows(2)) {
+            *step_s = pair[0].time_s - pair[1].time_s;
         }
+        let steps_s = &mut steps_s[..n_steps];
+        steps_s.sort_unstable_by(f64::total_cmp);
+        steps_s.get(n_steps / 2).copied()
     }
 
     /// The newest `n` or those there are.
     pub(crate) fn newest(&self, n: usize) -> &[Point] {
         &self.points[..self.len.min(n)]
+    }
+
+    /// The samples of the time that `n` of them take when none is missing, at most `n`, and at least the newest `least`, as far
+    /// as there are so many.
+    pub(crate) fn recent(&self, n: usize, least: usize, usual_step_s: f64) -> &[Point] {
+        let newest = self.newest(n);
+        let oldest_s = -STRETCH * usual_step_s * (n - 1) as f64;
+        let n_recent = newest.partition_point(|point| point.time_s >= oldest_s);
+        self.newest(n_recent.max(least).min(n))
     }
 }
 
@@ -111,11 +124,15 @@ pub(crate) fn fit(
     steering: Option<&Steering>,
     walls: [[f64; 2]; 2],
 ) -> [Motion; EXPERTS] {
-    let Some(step_s) = past.mean_step_s() else {
+    let Some(step_s) = past.usual_step_s() else {
         return [Motion::NONE; EXPERTS];
     };
     FITS.map(|(fit, n)| {
-        let points = past.newest(n);
+        let least = match fit {
+            Fit::Turn => MIN_TURN_SAMPLES,
+            Fit::Rest | Fit::Line | Fit::Steered | Fit::Walled => 2,
+        };
+        let points = past.recent(n, least, step_s);
         match fit {
             Fit::Rest => Motion::rest(points),
             Fit::Line => Motion::line(points),

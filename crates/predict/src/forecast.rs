@@ -33,8 +33,9 @@ const STOPPING_TIME_S: f64 = 1.0;
 const DESCENT: Descent = Descent {
     rate: 0.015,
     most: 1.0,
-    pull: 2e-4,
 };
+/// Part of the way back to the start weights for every step of training.
+const PULL: f32 = 2e-4;
 
 /// Lowest and highest coordinates at which anything was seen: nothing has gone beyond.
 pub(crate) type Walls = [[f64; 2]; 2];
@@ -55,7 +56,8 @@ pub(crate) fn pushed_out(walls: &Walls, [x, y]: [f64; 2]) -> Walls {
 #[derive(Debug, Clone)]
 pub(crate) struct Forecaster {
     network: Network,
-    descent: Descent,
+    /// Whether the network learns.
+    learns: bool,
     marks: Marks,
 }
 
@@ -91,7 +93,7 @@ struct Known {
 impl Forecaster {
     pub(crate) const START: Self = Self {
         network: Network::START,
-        descent: DESCENT,
+        learns: true,
         marks: Marks::START,
     };
 
@@ -102,10 +104,16 @@ impl Forecaster {
         };
         let horizons = Horizons::new(settings.frame_period_s);
         let before = history.samples().iter().rev().nth(1);
-        let (network, descent) = (&mut self.network, self.descent);
+        let (network, learns, mut n_steps) = (&mut self.network, self.learns, 0.0);
         self.marks.compare(newest, before, &horizons, |comparison| {
-            train(network, comparison, descent);
+            if learns {
+                train(network, comparison);
+                n_steps += 1.0;
+            }
         });
+        if n_steps > 0.0 {
+            network.pull_back(n_steps * PULL);
+        }
     }
 
     /// Looks ahead from the newest sample, whose covariance is given, and remembers what it said. The sample lies within the walls.
@@ -169,11 +177,7 @@ impl Forecaster {
     pub(crate) fn with(network: Network) -> Self {
         Self {
             network,
-            descent: Descent {
-                rate: 0.0,
-                pull: 0.0,
-                ..DESCENT
-            },
+            learns: false,
             ..Self::START
         }
     }
@@ -211,7 +215,7 @@ impl Forecaster {
         let walls = walls.map(|corner| sub(corner, newest.position));
         let motions = fit(&past, steering, walls);
         let reach = settings.speed_limit() * settings.frame_period_s;
-        let summary = self.marks.summary(reach);
+        let summary = self.marks.summary(&motions, reach);
         let moved = Motions::of(&past, &horizons);
         Known {
             horizons,
@@ -240,7 +244,7 @@ impl Forecaster {
 
 /// One step of backpropagation on an earlier forecast and what came of it. Loss: ln(1 + e²/s²), e the mixture's error and s
 /// the best expert's usual one; beyond s, a miss pulls the less the larger it is.
-fn train(network: &mut Network, comparison: &Comparison<'_>, descent: Descent) {
+fn train(network: &mut Network, comparison: &Comparison<'_>) {
     let Comparison {
         issued,
         horizon,
@@ -263,7 +267,7 @@ fn train(network: &mut Network, comparison: &Comparison<'_>, descent: Descent) {
     let answer = network.forward(&issued.inputs);
     let mut by_outputs = [0.0; OUTPUTS];
     back_to_said(&answer, horizon, &by_logits, &mut by_outputs);
-    network.train(&issued.inputs, &answer, &by_outputs, descent);
+    network.train(&issued.inputs, &answer, &by_outputs, DESCENT);
 }
 
 impl Forecast {

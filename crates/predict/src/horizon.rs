@@ -13,6 +13,8 @@ const LEAST_STEP_S: f64 = 1.0 / 16.0;
 /// Times ahead for one length of step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Horizons {
+    /// Time between two samples, not longer than the first of them.
+    pub(crate) frame_s: f64,
     /// The first of them, which is the step in which ages are counted.
     pub(crate) step_s: f64,
     pub(crate) times_s: [f64; HORIZONS],
@@ -22,6 +24,7 @@ pub(crate) struct Horizons {
 
 impl Horizons {
     pub(crate) const ONE_SECOND: Self = Self {
+        frame_s: 1.0,
         step_s: 1.0,
         times_s: [1.0; HORIZONS],
         octaves: 0.0,
@@ -39,6 +42,7 @@ impl Horizons {
             ahead_s *= ratio;
         }
         Self {
+            frame_s: frame_period_s,
             step_s: first_s,
             times_s,
             octaves,

@@ -15,7 +15,7 @@ const WINDOW: usize = 8;
 /// Numbers about the motion.
 const MOTION: usize = 10;
 /// Numbers told.
-pub const INPUTS: usize = EXPERTS * (ANCHORS + 1) + 2 * WINDOW + MOTION + 2 * ANCHORS;
+pub const INPUTS: usize = EXPERTS * (ANCHORS + 1) + 2 * WINDOW + MOTION + 2 * ANCHORS + 1;
 /// Largest mark told, and its size as an input.
 const MOST_MARK: f32 = 6.0;
 const MARK_SCALE: f32 = 1.0 / 3.0;
@@ -40,7 +40,7 @@ impl Motions {
             numbers: [0.0; MOTION],
         };
         let window = past.newest(WINDOW);
-        let (Some(line), Some(step_s)) = (Line::fit(window), past.mean_step_s()) else {
+        let (Some(line), Some(step_s)) = (Line::fit(window), past.usual_step_s()) else {
             return motions;
         };
         motions.direction = direction(line.velocity);
@@ -95,21 +95,23 @@ impl Motions {
         let running = (ANCHOR_AT.iter()).flat_map(|horizon| {
             summary.marks[*horizon]
                 .iter()
-                .map(|[running, _]| mark(running))
+                .map(|[running, ..]| mark(running))
         });
-        let recent = summary.marks[0].iter().map(|[_, recent]| mark(recent));
+        let recent = summary.marks[0].iter().map(|[_, recent, _]| mark(recent));
         let comparisons = ANCHOR_AT.iter().flat_map(|horizon| {
             [
                 summary.n[*horizon].min(MANY) / MANY,
                 disagreement(summary, horizons, motions, *horizon),
             ]
         });
+        let surprise = summary.surprise.clamp(-MOST_MARK, MOST_MARK) * MARK_SCALE;
         let mut inputs = [0.0; INPUTS];
         let all = running
             .chain(recent)
             .chain(self.residuals)
             .chain(self.numbers)
-            .chain(comparisons);
+            .chain(comparisons)
+            .chain([surprise]);
         for (input, value) in inputs.iter_mut().zip(all) {
             *input = if value.is_finite() { value } else { 0.0 };
         }
@@ -145,7 +147,7 @@ fn disagreement(
     horizon: usize,
 ) -> f32 {
     let (mut weights, mut mean, mut square) = (0.0, [0.0; 2], 0.0);
-    for (motion, [mark, _]) in motions.iter().zip(&summary.marks[horizon]) {
+    for (motion, [mark, ..]) in motions.iter().zip(&summary.marks[horizon]) {
         let weight = expf(-mark);
         let [x, y] = motion.at(horizons.times_s[horizon] as f32);
         weights += weight;

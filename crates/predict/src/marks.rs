@@ -5,11 +5,12 @@
 //! For every horizon each expert has a running mean of its error (the distance, not its square: real tracks have
 //! outliers). Its mark is the logarithm of that mean over the best expert's. Far horizons are compared late and seldom, so a mark
 //! is drawn towards that of the horizon before. A second mark is of the last few first comparisons, one step ahead: a running mean
-//! remembers seconds, while a start or a bounce happens in one frame.
+//! remembers seconds, while a start or a bounce happens in one frame. A third tells how far an expert's fit passes the newest place,
+//! over the usual error: at the moment of a bounce all that was good is wrong, and only this says so in the same frame.
 //!
 //! # Comparisons
 //!
-//! A forecast is compared once at every horizon, by the first sample that is due or nearly so, at that sample's own
+//! A forecast is compared once at every horizon, by the first sample that is due or not half a frame early, at that sample's own
 //! moment: experts are functions of time, so uneven frames need no interpolation. Of forecasts older than
 //! [`RECENT_STEPS`] only every [`THINNING`]th is kept; errors far ahead overlap, and the others would say the same again.
 
@@ -24,8 +25,8 @@ use crate::mixture::ByExpert;
 use crate::motion::Motion;
 use crate::vector::{norm, sub};
 
-/// Marks of an expert at a horizon: the running one, and that of the last few comparisons.
-pub const MARKS: usize = 2;
+/// Marks of an expert at a horizon: the running one, that of the last few comparisons, and that of the newest place.
+pub const MARKS: usize = 3;
 /// Forecasts made this many steps ago or later are all kept, of older ones every [`THINNING`]th.
 const RECENT_STEPS: f64 = 8.5;
 const THINNING: u64 = 4;
@@ -39,6 +40,9 @@ const MOST_DELAY: f64 = 0.25;
 const MEMORY: [f32; 2] = [10.0, 33.0];
 /// Memory of the last comparisons.
 const RECENT_MEMORY: f32 = 2.5;
+/// Usual errors from which on it is out of the ordinary how far a fit passes the newest place. With a finer measure, ordinary noise
+/// speaks against long fits, which are the best for people.
+const UNUSUAL: f32 = 3.0;
 /// Comparisons that nothing known, or the mark of the horizon before, is worth: at the first horizon and after it.
 const PRIOR: [f32; 2] = [0.3, 3.0];
 /// Samples from which a forecast is compared for the first time, and further on: two tell whether a thing moves, but what is
@@ -121,6 +125,9 @@ pub(crate) struct Summary {
     pub(crate) n: [f32; HORIZONS],
     /// The best expert's usual error by horizon, not below the least.
     pub(crate) best: [f32; HORIZONS],
+    /// Logarithm of how wrong the best expert was the last few times, over its usual error one step ahead: all of them are wrong
+    /// at once where an object begins to do something else.
+    pub(crate) surprise: f32,
     /// Least error that means anything.
     pub(crate) least_error: f32,
 }
@@ -179,6 +186,7 @@ impl Marks {
         mut teach: impl FnMut(&Comparison<'_>),
     ) {
         let step_s = horizons.step_s;
+        self.judge_newest(newest, step_s);
         if let Some(before) = before {
             let steps = newest.seconds_since(before) / step_s;
             if steps > 0.0 {
@@ -191,7 +199,8 @@ impl Marks {
             let age_s = newest.seconds_since(&self.waiting[slot].issued.newest);
             loop {
                 let horizon = self.waiting[slot].next_horizon;
-                if horizon == HORIZONS || age_s < horizons.times_s[horizon] - 0.5 * step_s {
+                if horizon == HORIZONS || age_s < horizons.times_s[horizon] - 0.5 * horizons.frame_s
+                {
                     break;
                 }
                 self.waiting[slot].next_horizon += 1;
@@ -210,12 +219,6 @@ impl Marks {
                 if first && issued.n_samples == MIN_TURN_SAMPLES {
                     // Fewer samples tell no turn from a line, and those marks would hide what these have told.
                     self.marks[horizon] = Mark::NONE;
-                    self.recent = [0.0; EXPERTS];
-                }
-                if first {
-                    for (recent, error) in self.recent.iter_mut().zip(errors) {
-                        *recent += (error * error - *recent) / RECENT_MEMORY;
-                    }
                 }
                 self.marks[horizon].add(horizon, &errors);
                 self.moments[horizon].add(horizon, &comparison);
@@ -223,6 +226,29 @@ impl Marks {
             }
         }
         self.thin_out(newest, step_s);
+    }
+
+    /// Compares the newest forecast with the sample that came next, however late that is: after a gap this is all there is that
+    /// tells what happened meanwhile.
+    fn judge_newest(&mut self, newest: &Sample, step_s: f64) {
+        let Some(Waiting { issued, .. }) = self.waiting[..self.n_waiting].last() else {
+            return;
+        };
+        if issued.n_samples < MIN_SAMPLES[0] {
+            return;
+        }
+        if issued.n_samples == MIN_TURN_SAMPLES {
+            self.recent = [0.0; EXPERTS];
+        }
+        let age_s = newest.seconds_since(&issued.newest);
+        // An error grows with time, and must not outweigh the next ones for that.
+        let steps = (age_s / step_s).max(1.0) as f32;
+        let came = sub(newest.position, issued.newest.position).map(|c| c as f32);
+        for (recent, motion) in self.recent.iter_mut().zip(&issued.motions) {
+            let [x, y] = motion.at(age_s as f32);
+            let error = [x - came[0], y - came[1]].map(|error| error / steps);
+            *recent += (error[0] * error[0] + error[1] * error[1] - *recent) / RECENT_MEMORY;
+        }
     }
 
     /// Drops forecasts that were compared at all horizons, and most old ones.
@@ -242,18 +268,19 @@ impl Marks {
         self.n_waiting = kept;
     }
 
-    /// The marks for an object that moves at most `reach` from one frame to the next, in units.
-    pub(crate) fn summary(&mut self, reach: f64) -> Summary {
+    /// The marks of these motions, for an object that moves at most `reach` from one frame to the next, in units.
+    pub(crate) fn summary(&mut self, motions: &[Motion; EXPERTS], reach: f64) -> Summary {
         let floor = EQUAL[0] * self.way + EQUAL[1] * reach as f32;
         let mut summary = Summary {
             marks: [[[0.0; MARKS]; EXPERTS]; HORIZONS],
             n: [0.0; HORIZONS],
             best: [0.0; HORIZONS],
+            surprise: 0.0,
             least_error: floor,
         };
         let mut running = [[0.0; MARKS]; EXPERTS];
         let least = least_of(&self.recent);
-        for ([_, mark], recent) in running.iter_mut().zip(&self.recent) {
+        for ([_, mark, _], recent) in running.iter_mut().zip(&self.recent) {
             *mark = logf((recent + floor * floor) / (least + floor * floor));
         }
         let mut best = 0.0;
@@ -262,7 +289,7 @@ impl Marks {
             if mark.n > 0.0 {
                 let part = mark.n / (mark.n + PRIOR[usize::from(horizon > 0)]);
                 let least = least_of(&mark.errors) / mark.n;
-                for ([running, _], errors) in running.iter_mut().zip(&mark.errors) {
+                for ([running, ..], errors) in running.iter_mut().zip(&mark.errors) {
                     let ratio = (errors / mark.n + floor) / (least + floor);
                     *running += part * (2.0 * logf(ratio) - *running);
                 }
@@ -276,6 +303,19 @@ impl Marks {
             summary.n[horizon] = mark.n;
             summary.best[horizon] = best + floor;
         }
+        if self.marks[0].n > 0.0 {
+            let unusual = UNUSUAL * summary.best[0];
+            let misfits = motions.map(|motion| {
+                let [x, y] = motion.at(0.0).map(|c| c / unusual);
+                logf(1.0 + x * x + y * y)
+            });
+            for row in &mut summary.marks {
+                for ([.., mark], misfit) in row.iter_mut().zip(misfits) {
+                    *mark = misfit;
+                }
+            }
+        }
+        summary.surprise = logf((sqrtf(least) + floor) / summary.best[0]);
         self.best = summary.best;
         summary
     }
@@ -381,7 +421,7 @@ mod tests {
                 assert_eq!(comparison.mixed, [2.0, 0.0]);
                 assert_eq!(comparison.came, [0.0; 2]);
             });
-            marks.summary(1.0);
+            marks.summary(&motions, 1.0);
             let issued = Issued {
                 newest,
                 n_samples: 9,
@@ -398,7 +438,7 @@ mod tests {
 
     #[test]
     fn the_best_has_no_mark_and_the_others_the_logarithm_of_their_ratio() {
-        let summary = book(200).summary(1.0);
+        let summary = book(200).summary(&[Motion::NONE; EXPERTS], 1.0);
         for row in &summary.marks {
             assert_eq!(row[0], [0.0; MARKS]);
             let difference = row[6][0] - row[3][0];
@@ -408,7 +448,7 @@ mod tests {
 
     #[test]
     fn far_horizons_are_compared_as_soon_as_they_can_be_and_speak_like_the_near_before() {
-        let summary = book(4).summary(1.0);
+        let summary = book(4).summary(&[Motion::NONE; EXPERTS], 1.0);
         let compared = summary.n.iter().filter(|n| **n > 0.0).count();
         assert!((2..6).contains(&compared), "{:?}", summary.n);
         assert!(summary.marks[HORIZONS - 1][5][0] > 5.0);

@@ -9,24 +9,24 @@
 
 use libm::{sqrtf, tanhf};
 
+use crate::experts::EXPERTS;
 use crate::inputs::INPUTS;
-use crate::mixture::OUTPUTS;
+use crate::mixture::{OUTPUTS, ROW};
 
 /// Units of the hidden layer.
 pub const HIDDEN: usize = 16;
 /// Number of all weights.
-pub const WEIGHTS: usize = HIDDEN_WEIGHTS + OUTPUTS * OUTPUT_ROW;
-const HIDDEN_ROW: usize = INPUTS + 1;
-const HIDDEN_WEIGHTS: usize = HIDDEN * HIDDEN_ROW;
-const OUTPUT_ROW: usize = HIDDEN + 1;
+pub const WEIGHTS: usize = HIDDEN_WEIGHTS + OUTPUT_WEIGHTS;
+const HIDDEN_WEIGHTS: usize = (INPUTS + 1) * HIDDEN;
+const OUTPUT_WEIGHTS: usize = (HIDDEN + 1) * OUTPUTS;
 /// Steps of a stored start weight in one unit.
 pub const STORED_PER_UNIT: f32 = 1024.0;
 
 /// Weights, or in the same shape their gradient.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
-    /// By hidden unit: its weight of every input, then its bias; after them by output: its weight of every unit, then
-    /// its bias.
+    /// By input: its weight for every hidden unit; the units' biases; by hidden unit: its weight for every output; the outputs'
+    /// biases. So ordered, all sums are of rows, which a processor adds several numbers at a time, always in the same order.
     pub weights: [f32; WEIGHTS],
 }
 
@@ -45,8 +45,6 @@ pub(crate) struct Descent {
     pub(crate) rate: f32,
     /// Length beyond which a gradient is shortened: one wild sample must not tear the weights away.
     pub(crate) most: f32,
-    /// Part of the way back to the start weights.
-    pub(crate) pull: f32,
 }
 
 static START: Network = Network::START;
@@ -61,14 +59,8 @@ impl Network {
     #[must_use]
     pub fn forward(&self, inputs: &[f32; INPUTS]) -> Answer {
         let (first, second) = self.weights.split_at(HIDDEN_WEIGHTS);
-        let mut hidden = [0.0; HIDDEN];
-        for (unit, row) in hidden.iter_mut().zip(first.chunks_exact(HIDDEN_ROW)) {
-            *unit = tanhf(row[INPUTS] + dot(&row[..INPUTS], inputs));
-        }
-        let mut outputs = [0.0; OUTPUTS];
-        for (output, row) in outputs.iter_mut().zip(second.chunks_exact(OUTPUT_ROW)) {
-            *output = row[HIDDEN] + dot(&row[..HIDDEN], &hidden);
-        }
+        let hidden = layer::<HIDDEN>(first, inputs).map(tanhf);
+        let outputs = layer(second, &hidden);
         Answer { hidden, outputs }
     }
 
@@ -89,40 +81,33 @@ impl Network {
         );
         let rate = descent.rate * (descent.most / length).min(1.0);
         let (first, second) = self.weights.split_at_mut(HIDDEN_WEIGHTS);
-        let (first_start, second_start) = START.weights.split_at(HIDDEN_WEIGHTS);
-        let rows = first.chunks_exact_mut(HIDDEN_ROW);
-        let starts = first_start.chunks_exact(HIDDEN_ROW);
-        for ((row, start), slope) in rows.zip(starts).zip(by_hidden) {
-            descend(row, start, rate * slope, inputs, descent.pull);
-        }
-        let rows = second.chunks_exact_mut(OUTPUT_ROW);
-        let starts = second_start.chunks_exact(OUTPUT_ROW);
-        for ((row, start), slope) in rows.zip(starts).zip(by_outputs) {
-            descend(row, start, rate * slope, &answer.hidden, descent.pull);
-        }
+        add_products(first, -rate, inputs, &by_hidden);
+        add_products(second, -rate, &answer.hidden, by_outputs);
         if !length.is_finite() {
             *self = Self::START;
+        }
+    }
+
+    /// Goes a part of the way back to the start weights.
+    pub(crate) fn pull_back(&mut self, part: f32) {
+        for (weight, start) in self.weights.iter_mut().zip(&START.weights) {
+            *weight -= part * (*weight - start);
         }
     }
 
     /// Derivatives by what goes into each hidden unit.
     fn by_hidden(&self, answer: &Answer, by_outputs: &[f32; OUTPUTS]) -> [f32; HIDDEN] {
         let mut by_hidden = [0.0; HIDDEN];
-        let rows = self.weights[HIDDEN_WEIGHTS..].chunks_exact(OUTPUT_ROW);
-        for (by, row) in by_outputs.iter().zip(rows) {
-            for (by_unit, weight) in by_hidden.iter_mut().zip(row) {
-                *by_unit += by * weight;
-            }
-        }
-        for (by_unit, unit) in by_hidden.iter_mut().zip(&answer.hidden) {
-            *by_unit *= 1.0 - unit * unit;
+        let rows = self.weights[HIDDEN_WEIGHTS..].chunks_exact(OUTPUTS);
+        for ((by_unit, unit), row) in by_hidden.iter_mut().zip(&answer.hidden).zip(rows) {
+            *by_unit = dot(row, by_outputs) * (1.0 - unit * unit);
         }
         by_hidden
     }
 
     /// The bias of an output.
     pub fn output_bias(&mut self, output: usize) -> &mut f32 {
-        &mut self.weights[HIDDEN_WEIGHTS + output * OUTPUT_ROW + HIDDEN]
+        &mut self.weights[HIDDEN_WEIGHTS + HIDDEN * OUTPUTS + output]
     }
 
     /// Adds to `gradient` that of a loss whose derivatives by the outputs are given.
@@ -135,37 +120,49 @@ impl Network {
     ) {
         let by_hidden = self.by_hidden(answer, by_outputs);
         let (first, second) = gradient.weights.split_at_mut(HIDDEN_WEIGHTS);
-        for (row, slope) in first.chunks_exact_mut(HIDDEN_ROW).zip(by_hidden) {
-            for (value, input) in row.iter_mut().zip(inputs) {
-                *value += slope * input;
-            }
-            row[INPUTS] += slope;
-        }
-        for (row, slope) in second.chunks_exact_mut(OUTPUT_ROW).zip(by_outputs) {
-            for (value, unit) in row.iter_mut().zip(&answer.hidden) {
-                *value += slope * unit;
-            }
-            row[HIDDEN] += slope;
-        }
+        add_products(first, 1.0, inputs, &by_hidden);
+        add_products(second, 1.0, &answer.hidden, by_outputs);
     }
 
-    /// Whether a weight belongs to the row of an expert: hidden units, and what is said for or against the experts. The
-    /// others, sharpness and ellipses, are few and need no restraint.
+    /// Whether a weight is to be held small: all but what is said of sharpness and ellipses whatever the inputs, since no measure of
+    /// these is more natural than another.
     #[must_use]
     pub fn is_restrained(weight: usize) -> bool {
-        weight < HIDDEN_WEIGHTS
-            || (weight - HIDDEN_WEIGHTS) / OUTPUT_ROW % crate::mixture::ROW
-                < crate::experts::EXPERTS
+        let Some(output_weight) = weight.checked_sub(HIDDEN_WEIGHTS) else {
+            return true;
+        };
+        let is_bias = output_weight / OUTPUTS == HIDDEN;
+        let of_expert = output_weight % OUTPUTS % ROW < EXPERTS;
+        !is_bias || of_expert
     }
 }
 
-/// Moves a unit's weights, the bias behind the others, down the gradient and towards the start.
-fn descend(row: &mut [f32], start: &[f32], step: f32, inputs: &[f32], pull: f32) {
-    let n = inputs.len();
-    for ((weight, start), input) in row.iter_mut().zip(start).zip(inputs) {
-        *weight -= step * input + pull * (*weight - start);
+/// What goes into every unit of a layer.
+fn layer<const UNITS: usize>(weights: &[f32], inputs: &[f32]) -> [f32; UNITS] {
+    let (rows, biases) = weights.as_chunks::<UNITS>().0.split_at(inputs.len());
+    let mut sums = biases[0];
+    for (row, input) in rows.iter().zip(inputs) {
+        for (sum, weight) in sums.iter_mut().zip(row) {
+            *sum += input * weight;
+        }
     }
-    row[n] -= step + pull * (row[n] - start[n]);
+    sums
+}
+
+/// Adds to a layer's weights `factor` times each input times each unit's slope; a bias's input is 1.
+fn add_products<const UNITS: usize>(
+    weights: &mut [f32],
+    factor: f32,
+    inputs: &[f32],
+    slopes: &[f32; UNITS],
+) {
+    let slopes = slopes.map(|slope| factor * slope);
+    let rows = weights.as_chunks_mut::<UNITS>().0;
+    for (row, input) in rows.iter_mut().zip(inputs.iter().chain(&[1.0])) {
+        for (weight, slope) in row.iter_mut().zip(&slopes) {
+            *weight += input * slope;
+        }
+    }
 }
 
 fn squared(values: &[f32]) -> f32 {
@@ -214,7 +211,6 @@ mod tests {
     const DESCENT: Descent = Descent {
         rate: 0.01,
         most: 1.0,
-        pull: 0.0,
     };
 
     fn inputs(seed: usize) -> [f32; INPUTS] {
@@ -268,11 +264,7 @@ mod tests {
             };
             network.add_gradient(&inputs, &answer, &by_outputs, &mut gradient);
             let length = squared(&gradient.weights).sqrt();
-            let descent = Descent {
-                rate: 1e-3,
-                most,
-                ..DESCENT
-            };
+            let descent = Descent { rate: 1e-3, most };
             network.train(&inputs, &answer, &by_outputs, descent);
             let moved: Vec<f32> = (network.weights.iter().zip(&START.weights))
                 .map(|(now, start)| now - start)
@@ -290,13 +282,10 @@ mod tests {
         for weight in &mut network.weights {
             *weight += 0.5;
         }
-        let descent = Descent {
-            pull: 0.01,
-            ..DESCENT
-        };
         for _ in 0..2000 {
             let answer = network.forward(&inputs(3));
-            network.train(&inputs(3), &answer, &[0.0; OUTPUTS], descent);
+            network.train(&inputs(3), &answer, &[0.0; OUTPUTS], DESCENT);
+            network.pull_back(0.01);
         }
         for (weight, start) in network.weights.iter().zip(&START.weights) {
             assert!((weight - start).abs() < 1e-4);
