@@ -147,10 +147,17 @@ pub enum Contestant {
 
 impl Contestant {
     /// A predictor by its index in [`PREDICTORS`], for an object that will be seen at `samples`.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such predictor.
     #[must_use]
     pub fn new(predictor: usize, scene: &Scene, samples: &[Sample]) -> Self {
         let scale = scene.scale;
-        Contestant::Classical(match predictor {
+        if predictor == OVERCAM {
+            return Self::Overcam(Box::new(Overcam::new(scale.step_s, samples)));
+        }
+        Self::Classical(match predictor {
             0 => Box::new(Polynomial::hold()),
             1 => Box::new(Polynomial::cv()),
             LINE5 => Box::new(Polynomial::line5()),
@@ -158,7 +165,7 @@ impl Contestant {
             4 => Box::new(Filters::kalman_cv(scale)),
             5 => Box::new(Filters::imm(scale)),
             PAPER => Box::new(PaperNetwork::new(scale.step_s, scene.low, scene.high)),
-            _ => return Contestant::Overcam(Box::new(Overcam::new(scale.step_s, samples))),
+            _ => panic!("there is no predictor {predictor}"),
         })
     }
 

@@ -10,13 +10,15 @@ pub(crate) fn trace(covariance: &Covariance) -> f64 {
     covariance[0][0] + covariance[1][1]
 }
 
-/// The nearest of its kind to a matrix that rounding, or a caller, made not quite symmetric and positive semidefinite.
+/// The nearest of its kind to a matrix that rounding, or a caller, made not quite symmetric and positive semidefinite. What is no
+/// number counts as 0.
 pub(crate) fn semidefinite(matrix: &Covariance) -> Covariance {
     let [[xx, xy], [yx, yy]] = *matrix;
-    let (xx, yy) = (xx.max(0.0), yy.max(0.0));
+    let number = |value: f64| if value.is_nan() { 0.0 } else { value };
+    let [xx, yy] = [xx, yy].map(|variance| number(variance).clamp(0.0, f64::MAX));
     // The root of each, since the product may overflow.
     let bound = sqrt(xx) * sqrt(yy);
-    let off_diagonal = (0.5 * (xy + yx)).clamp(-bound, bound);
+    let off_diagonal = number(0.5 * (xy + yx)).clamp(-bound, bound);
     [[xx, off_diagonal], [off_diagonal, yy]]
 }
 
@@ -55,5 +57,7 @@ mod tests {
         assert_eq!(repaired, [[4.0, 6.0], [6.0, 9.0]]);
         let repaired = semidefinite(&[[4.0, 1.0], [1.0, -1e-200]]);
         assert_eq!(repaired, [[4.0, 0.0], [0.0, 0.0]]);
+        let repaired = semidefinite(&[[f64::NAN, f64::NAN], [0.0, f64::INFINITY]]);
+        assert_eq!(repaired, [[0.0, 0.0], [0.0, f64::MAX]]);
     }
 }

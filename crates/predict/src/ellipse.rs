@@ -25,11 +25,16 @@ const MEMORY: f32 = 60.0;
 const PRIOR: f32 = 3.0;
 /// Step of the size's logarithm at the first and at the last horizon, where comparisons are seldom.
 const FOLLOW: [f32; 2] = [0.15, 0.4];
-/// Bounds of the logarithm followed, and of all corrections together.
-const MOST_FOLLOWED: f32 = 2.0;
+/// Bounds of the logarithm followed. A horizon that is held up by a nearer one only ever becomes smaller: not much, since it will be
+/// missing when the nearer one shrinks.
+const FOLLOWED: [f32; 2] = [-1.0, 2.0];
+/// Bound of all corrections together.
 const MOST_SCALE: f32 = 3.0;
 /// Least growth of a variance from one horizon to the next.
 const LEAST_GROWTH: f32 = 1.02;
+/// Bounds of errors and variances, in units and squared units, so that no sum of squares is infinite.
+const MOST_ERROR: f32 = 1e14;
+const MOST_VARIANCE: f32 = 1e30;
 /// Least variance, in squared units: an ellipse has an inside.
 const LEAST_VARIANCE: f32 = 1e-12;
 
@@ -51,15 +56,19 @@ impl Moments {
     };
 
     pub(crate) fn add(&mut self, horizon: usize, comparison: &Comparison<'_>) {
-        let [x, y] = [0, 1].map(|axis| comparison.came[axis] - comparison.mixed[axis]);
+        let [x, y] = [0, 1].map(|axis| {
+            let error = comparison.came[axis] - comparison.mixed[axis];
+            error.clamp(-MOST_ERROR, MOST_ERROR)
+        });
+        if x.is_nan() || y.is_nan() {
+            return;
+        }
         let [c, s] = comparison.issued.direction;
         let (along, across) = (c * x + s * y, c * y - s * x);
-        let [a, b, d] = comparison.issued.ellipses[horizon];
-        let distance =
-            (d * along * along - 2.0 * b * along * across + a * across * across) / (a * d - b * b);
+        let distance = distance([along, across], comparison.issued.ellipses[horizon]);
         let missed = if distance > WITHIN_95 { 1.0 } else { 0.0 };
         self.followed += between(FOLLOW, horizon) * (missed - OUTSIDE);
-        self.followed = self.followed.clamp(-MOST_FOLLOWED, MOST_FOLLOWED);
+        self.followed = self.followed.clamp(FOLLOWED[0], FOLLOWED[1]);
         self.n = (self.n + 1.0).min(MEMORY);
         let second = [along * along, along * across, across * across];
         for (mean, value) in self.second.iter_mut().zip(second) {
@@ -79,19 +88,19 @@ pub(crate) fn ellipses(
     let mut ellipses = [[0.0; 3]; HORIZONS];
     let mut before: Option<[f32; 3]> = None;
     let mut followed = 0.0;
-    let mut least = [LEAST_VARIANCE; 2];
     for (i, (ellipse, moments)) in ellipses.iter_mut().zip(moments).enumerate() {
-        let mut shape = match before {
+        let shape = match before {
             Some(before) => {
                 // An error of the velocity grows with time.
                 let growth = (horizons.times_s[i] / horizons.times_s[i - 1]) as f32;
                 before.map(|value| value * growth * growth)
             }
             None => {
-                let variance = expected(horizons.times_s[i]) as f32;
+                let variance = expected(horizons.times_s[i]).min(f64::from(MOST_VARIANCE)) as f32;
                 [variance, 0.0, variance]
             }
         };
+        let mut shape = shape.map(|value| value.clamp(-MOST_VARIANCE, MOST_VARIANCE));
         if moments.n > 0.0 {
             for (value, second) in shape.iter_mut().zip(moments.second) {
                 *value = (PRIOR * *value + moments.n * second) / (PRIOR + moments.n);
@@ -103,14 +112,30 @@ pub(crate) fn ellipses(
         }
         let scale = expf(2.0 * (said[i] + followed).clamp(-MOST_SCALE, MOST_SCALE));
         let [along, both, across] = shape.map(|value| value * scale);
-        // Sizes follow what happened at each horizon by itself; but of what is farther away one knows a little less.
-        least = [
-            along.max(LEAST_GROWTH * least[0]),
-            across.max(LEAST_GROWTH * least[1]),
-        ];
-        *ellipse = [least[0], both, least[1]];
+        *ellipse = [along + LEAST_VARIANCE, both, across + LEAST_VARIANCE];
     }
     ellipses
+}
+
+/// The ellipses as they are published, and compared with what comes. Sizes follow what happened at each horizon by itself; but of what
+/// is farther away one knows a little less.
+pub(crate) fn growing(mut ellipses: [[f32; 3]; HORIZONS]) -> [[f32; 3]; HORIZONS] {
+    let mut least = [0.0; 2];
+    for [along, _, across] in &mut ellipses {
+        *along = along.max(least[0]);
+        *across = across.max(least[1]);
+        least = [LEAST_GROWTH * *along, LEAST_GROWTH * *across];
+    }
+    ellipses
+}
+
+/// Squared distance of an error, along and across, from the middle of an ellipse, in standard deviations.
+fn distance(error: [f32; 2], ellipse: [f32; 3]) -> f32 {
+    let [along, across] = error.map(f64::from);
+    let [a, b, d] = ellipse.map(f64::from);
+    let squared = d * along * along - 2.0 * b * along * across + a * across * across;
+    // Rounding may leave nothing of a thin ellipse.
+    (squared / (a * d - b * b).max(f64::MIN_POSITIVE)) as f32
 }
 
 /// A covariance along, both, across `direction` (a unit vector), along x and y.

@@ -11,7 +11,7 @@ use crate::motion::{Motion, Point};
 use crate::vector::{add, complex_mul, conjugate, scale, sub};
 
 /// Forecasts that are mixed.
-pub const EXPERTS: usize = 12;
+pub const EXPERTS: usize = 13;
 /// Fewest samples that tell a turn from a line.
 pub(crate) const MIN_TURN_SAMPLES: usize = 3;
 /// Fastest turn in radians a sample; beyond it five samples cover half a circle and a fit is ambiguous.
@@ -27,13 +27,15 @@ enum Fit {
     Rest,
     Line,
     Turn,
+    /// Steady acceleration: what neither a line nor a turn is.
+    Parabola,
     /// A vehicle that keeps its velocity relative to its body and the turn rate that its marker shows.
     Steered,
     /// A line thrown back by the walls beyond which nothing was ever seen.
     Walled,
 }
 
-/// Kind of motion, and the number of samples it is fitted to.
+/// Kind of motion, and the most samples it is fitted to.
 const FITS: [(Fit, usize); EXPERTS] = [
     (Fit::Rest, 1),
     (Fit::Rest, 16),
@@ -41,6 +43,7 @@ const FITS: [(Fit, usize); EXPERTS] = [
     (Fit::Line, 6),
     (Fit::Line, 12),
     (Fit::Line, 32),
+    (Fit::Parabola, 10),
     (Fit::Turn, 5),
     (Fit::Turn, 9),
     (Fit::Turn, 16),
@@ -90,7 +93,7 @@ impl Past {
         }
         let steps_s = &mut steps_s[..n_steps];
         steps_s.sort_unstable_by(f64::total_cmp);
-        steps_s.get(n_steps / 2).copied()
+        steps_s.get(n_steps.saturating_sub(1) / 2).copied()
     }
 
     /// The newest `n` or those there are.
@@ -129,7 +132,7 @@ pub(crate) fn fit(
     };
     FITS.map(|(fit, n)| {
         let least = match fit {
-            Fit::Turn => MIN_TURN_SAMPLES,
+            Fit::Turn | Fit::Parabola => MIN_TURN_SAMPLES,
             Fit::Rest | Fit::Line | Fit::Steered | Fit::Walled => 2,
         };
         let points = past.recent(n, least, step_s);
@@ -137,6 +140,7 @@ pub(crate) fn fit(
             Fit::Rest => Motion::rest(points),
             Fit::Line => Motion::line(points),
             Fit::Turn => Motion::turn(points, MAX_TURN_PER_SAMPLE / step_s),
+            Fit::Parabola => Motion::parabola(points),
             Fit::Walled => Motion::walled(points, walls),
             Fit::Steered => steering
                 .and_then(|steering| steered(points, steering))

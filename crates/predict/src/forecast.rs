@@ -11,7 +11,7 @@
 use libm::sqrt;
 
 use crate::covariance::{Covariance, trace};
-use crate::ellipse::{ellipses, on_axes};
+use crate::ellipse::{ellipses, growing, on_axes};
 use crate::experts::{EXPERTS, Past, Steering, fit};
 use crate::history::{History, Sample};
 use crate::horizon::{FARTHEST_S, HORIZONS, Horizons};
@@ -136,13 +136,14 @@ impl Forecaster {
             ..
         } = known;
         let weighed = weigh(&self.network, &known.evidence);
-        let ellipses = self.ellipses(&known, &weighed.spread, covariance, settings);
+        let ellipses = growing(self.ellipses(&known, &weighed.spread, covariance, settings));
         let issued = Issued {
             newest: *newest,
             n_samples: history.samples().len(),
             direction: direction.map(|c| c as f32),
             motions,
             inputs: known.evidence.inputs,
+            answer: weighed.answer,
             shares: weighed.shares,
             ellipses,
         };
@@ -264,10 +265,10 @@ fn train(network: &mut Network, comparison: &Comparison<'_>) {
         let [x, y] = [0, 1].map(|axis| place[axis] - mixed[axis]);
         *by_logit = share * (by_place[0] * x + by_place[1] * y);
     }
-    let answer = network.forward(&issued.inputs);
+    // The answer is that of the moment, not of the weights as they are by now: they change little within two seconds.
     let mut by_outputs = [0.0; OUTPUTS];
-    back_to_said(&answer, horizon, &by_logits, &mut by_outputs);
-    network.train(&issued.inputs, &answer, &by_outputs, DESCENT);
+    back_to_said(&issued.answer, horizon, &by_logits, &mut by_outputs);
+    network.train(&issued.inputs, &issued.answer, &by_outputs, DESCENT);
 }
 
 impl Forecast {
@@ -284,6 +285,11 @@ impl Forecast {
         turn_rate_rad_s: 0.0,
     };
 
+    /// Longest time ahead that is looked at, in seconds.
+    pub(crate) fn longest_s(&self) -> f64 {
+        self.longest_s
+    }
+
     /// Place and covariance `ahead_s` seconds after the newest sample. Shares are interpolated between the horizons,
     /// experts say where they are at this very moment. After the last horizon its shares hold, and standard deviations grow with
     /// time, until the longest gap.
@@ -295,6 +301,9 @@ impl Forecast {
         let shares = self.shares[index].iter().zip(&self.shares[next]);
         for (motion, (share, later)) in self.motions.iter().zip(shares) {
             let share = share + part as f32 * (later - share);
+            if share == 0.0 {
+                continue;
+            }
             let [x, y] = motion.at(ahead_s as f32);
             place[0] += share * x;
             place[1] += share * y;

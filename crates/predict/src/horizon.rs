@@ -13,7 +13,7 @@ const LEAST_STEP_S: f64 = 1.0 / 16.0;
 /// Times ahead for one length of step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Horizons {
-    /// Time between two samples, not longer than the first of them.
+    /// Nominal time between two frames, not longer than `step_s`.
     pub(crate) frame_s: f64,
     /// The first of them, which is the step in which ages are counted.
     pub(crate) step_s: f64,

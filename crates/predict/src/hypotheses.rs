@@ -8,7 +8,7 @@
 use libm::log;
 
 use crate::covariance::{Covariance, trace};
-use crate::forecast::Walls;
+use crate::forecast::{Walls, pushed_out};
 use crate::history::Sample;
 use crate::track::Now;
 use crate::vector::{add, norm, norm_squared, scale, sub};
@@ -64,6 +64,11 @@ impl Hypotheses {
         let mut hypotheses = Self {
             last: position,
             ..Self::NONE
+        };
+        // Where the object itself was lies within, also on a floor that nothing else is known of.
+        let now = Now {
+            walls: pushed_out(&now.walls, position),
+            ..now
         };
         hypotheses.add(place, 0.5 * trace(&covariance), 0.0, now);
         let noise = 0.5 * trace(noise);

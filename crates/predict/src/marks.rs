@@ -4,7 +4,7 @@
 //!
 //! For every horizon each expert has a running mean of its error (the distance, not its square: real tracks have
 //! outliers). Its mark is the logarithm of that mean over the best expert's. Far horizons are compared late and seldom, so a mark
-//! is drawn towards that of the horizon before. A second mark is of the last few first comparisons, one step ahead: a running mean
+//! is drawn towards that of the horizon before. A second mark is of the last few forecasts and the samples that came next: a running mean
 //! remembers seconds, while a start or a bounce happens in one frame. A third tells how far an expert's fit passes the newest place,
 //! over the usual error: at the moment of a bounce all that was good is wrong, and only this says so in the same frame.
 //!
@@ -23,6 +23,7 @@ use crate::horizon::{HORIZONS, Horizons};
 use crate::inputs::INPUTS;
 use crate::mixture::ByExpert;
 use crate::motion::Motion;
+use crate::network::Answer;
 use crate::vector::{norm, sub};
 
 /// Marks of an expert at a horizon: the running one, that of the last few comparisons, and that of the newest place.
@@ -30,11 +31,11 @@ pub const MARKS: usize = 3;
 /// Forecasts made this many steps ago or later are all kept, of older ones every [`THINNING`]th.
 const RECENT_STEPS: f64 = 8.5;
 const THINNING: u64 = 4;
-/// Forecasts kept: nine recent ones and six older ones at even steps, and some to spare for uneven ones.
-const KEPT: usize = 18;
+/// Forecasts kept. As close together as they may be, eleven are recent and eight older, and there is the new one.
+const KEPT: usize = 20;
 /// Forecasts made closer together than this, in steps, are not kept, but for the first few of a track.
 const LEAST_SPACING_STEPS: f64 = 0.75;
-/// A sample is due for a horizon from half a step before it, and until so much of its time after it or one step.
+/// A sample is due for a horizon from half a frame before it, and until so much of its time after it or one step.
 const MOST_DELAY: f64 = 0.25;
 /// Memory of the running means at the first and the last horizon, in comparisons.
 const MEMORY: [f32; 2] = [10.0, 33.0];
@@ -52,6 +53,8 @@ const MIN_SAMPLES: [usize; 2] = [2, 4];
 const GROWTH: f32 = 1.6;
 /// Error below which experts are equally good, as a part of the way of a step, and of the widest gate.
 const EQUAL: [f32; 2] = [3e-5, 1e-8];
+/// Bound of an error's components in units.
+const MOST_ERROR: f32 = 1e18;
 /// Memory of the way of a step, in samples.
 const WAY_MEMORY: f32 = 10.0;
 
@@ -65,6 +68,7 @@ pub(crate) struct Issued {
     pub(crate) direction: [f32; 2],
     pub(crate) motions: [Motion; EXPERTS],
     pub(crate) inputs: [f32; INPUTS],
+    pub(crate) answer: Answer,
     pub(crate) shares: ByExpert<f32>,
     /// Covariances along, both, across.
     pub(crate) ellipses: [[f32; 3]; HORIZONS],
@@ -75,8 +79,9 @@ pub(crate) struct Issued {
 struct Waiting {
     issued: Issued,
     next_horizon: usize,
-    /// Whether it was compared at all.
+    /// Whether it was compared at all, and with the sample that came next.
     compared: bool,
+    judged: bool,
     serial: u64,
 }
 
@@ -170,6 +175,7 @@ impl Marks {
             issued,
             next_horizon: 0,
             compared: false,
+            judged: false,
             serial: self.n_issued,
         };
         self.n_waiting += 1;
@@ -228,13 +234,13 @@ impl Marks {
         self.thin_out(newest, step_s);
     }
 
-    /// Compares the newest forecast with the sample that came next, however late that is: after a gap this is all there is that
-    /// tells what happened meanwhile.
+    /// Compares the newest forecast kept with the sample that came next, however late that is: after a gap this is all there is
+    /// that tells what happened meanwhile.
     fn judge_newest(&mut self, newest: &Sample, step_s: f64) {
-        let Some(Waiting { issued, .. }) = self.waiting[..self.n_waiting].last() else {
+        let Some(Waiting { issued, judged, .. }) = self.waiting[..self.n_waiting].last_mut() else {
             return;
         };
-        if issued.n_samples < MIN_SAMPLES[0] {
+        if core::mem::replace(judged, true) || issued.n_samples < MIN_SAMPLES[0] {
             return;
         }
         if issued.n_samples == MIN_TURN_SAMPLES {
@@ -246,8 +252,8 @@ impl Marks {
         let came = sub(newest.position, issued.newest.position).map(|c| c as f32);
         for (recent, motion) in self.recent.iter_mut().zip(&issued.motions) {
             let [x, y] = motion.at(age_s as f32);
-            let error = [x - came[0], y - came[1]].map(|error| error / steps);
-            *recent += (error[0] * error[0] + error[1] * error[1] - *recent) / RECENT_MEMORY;
+            let error = length([x - came[0], y - came[1]]) / steps;
+            *recent += (error * error - *recent) / RECENT_MEMORY;
         }
     }
 
@@ -329,11 +335,13 @@ impl Waiting {
             direction: [1.0, 0.0],
             motions: [Motion::NONE; EXPERTS],
             inputs: [0.0; INPUTS],
+            answer: Answer::NONE,
             shares: [[0.0; EXPERTS]; HORIZONS],
             ellipses: [[0.0; 3]; HORIZONS],
         },
         next_horizon: 0,
         compared: false,
+        judged: false,
         serial: 0,
     };
 }
@@ -363,10 +371,8 @@ impl<'a> Comparison<'a> {
     }
 
     fn errors(&self) -> [f32; EXPERTS] {
-        self.places.map(|place| {
-            let [x, y] = [place[0] - self.came[0], place[1] - self.came[1]];
-            sqrtf(x * x + y * y)
-        })
+        self.places
+            .map(|place| length([place[0] - self.came[0], place[1] - self.came[1]]))
     }
 }
 
@@ -388,6 +394,12 @@ impl Mark {
 /// From what holds at the first horizon to what holds at the last.
 pub(crate) fn between([first, last]: [f32; 2], horizon: usize) -> f32 {
     first + (last - first) * (horizon as f32 / (HORIZONS - 1) as f32)
+}
+
+/// Length of an error, within what can be squared.
+fn length(error: [f32; 2]) -> f32 {
+    let [x, y] = error.map(|c| c.clamp(-MOST_ERROR, MOST_ERROR));
+    sqrtf(x * x + y * y)
 }
 
 fn least_of(values: &[f32; EXPERTS]) -> f32 {
@@ -484,6 +496,35 @@ mod tests {
             20,
             "every fourth, from 2 s on: {seen:?}"
         );
+    }
+
+    #[test]
+    fn every_horizon_is_compared_at_every_rate() {
+        for rate_hz in [
+            3_u64, 5, 8, 12, 15, 20, 24, 25, 30, 50, 60, 75, 90, 100, 120, 200,
+        ] {
+            let step_ns = 1_000_000_000 / rate_hz;
+            let horizons = Horizons::new(1.0 / rate_hz as f64);
+            let mut seen = [0_u32; HORIZONS];
+            let mut marks = Marks::START;
+            for i in 0..20 * rate_hz {
+                let newest = Sample {
+                    time_ns: i * step_ns,
+                    position: [0.0; 2],
+                };
+                marks.compare(&newest, None, &horizons, |comparison| {
+                    seen[comparison.horizon] += 1;
+                });
+                let issued = Issued {
+                    newest,
+                    n_samples: 9,
+                    ellipses: [[1.0, 0.0, 1.0]; HORIZONS],
+                    ..Waiting::NONE.issued
+                };
+                marks.issue(issued, &horizons);
+            }
+            assert!(seen.iter().all(|n| *n > 10), "{rate_hz} Hz: {seen:?}");
+        }
     }
 
     #[test]

@@ -33,8 +33,8 @@ const SHARPNESS: core::ops::Range<f32> = -4.0..2.0;
 /// Largest mark that counts: far enough to leave nothing of an expert that is wrong where another is exact.
 const MOST_MARK: f32 = 40.0;
 
-/// Logarithm of a share, over the largest, that is none.
-const LEAST_LOGIT: f32 = -40.0;
+/// Logarithm of a share, over the largest, below which it is none: a ten-thousandth.
+const LEAST_LOGIT: f32 = -9.2;
 
 /// By horizon and expert.
 pub type ByExpert<T> = [[T; EXPERTS]; HORIZONS];
@@ -44,7 +44,7 @@ pub type ByExpert<T> = [[T; EXPERTS]; HORIZONS];
 pub struct Evidence {
     /// What the network is told.
     pub inputs: [f32; INPUTS],
-    /// The experts' marks, 0 for the best.
+    /// The experts' marks, 0 for a good one.
     pub marks: ByExpert<[f32; MARKS]>,
 }
 
@@ -177,7 +177,7 @@ fn softmax(logits: &mut [f32; EXPERTS]) {
     let mut sum = 0.0;
     for logit in logits.iter_mut() {
         *logit = match *logit - most {
-            // Nothing, rather than numbers so small that processors are slow with them.
+            // Nothing, so that nobody has to work out where such an expert sees the object.
             below if below < LEAST_LOGIT => 0.0,
             below => expf(below),
         };

@@ -1,13 +1,13 @@
 //! Motions that a few numbers describe, fitted to an object's last places by least squares: rest, a straight line,
-//! with walls or without, and a constant turn.
+//! with walls or without, a parabola, and a constant turn.
 //!
 //! Everything is relative to the newest place and its moment, in seconds and units, so that uneven frames and
 //! far-away origins do not matter.
 //!
 //! # Weights
 //!
-//! Things change their minds: the older a place, the less it tells of what comes. So a place's weight falls evenly with its age,
-//! down to a fifth for the oldest. On a motion that changes slowly this is as steady as an even window of two thirds of the length,
+//! Things change their minds: the older a place, the less it tells of what comes. So for lines and turns a place's weight falls
+//! evenly with its age, down to a fifth for the oldest. On a motion that changes slowly this is as steady as an even window of two thirds of the length,
 //! and follows sooner.
 //!
 //! # The turn
@@ -55,6 +55,12 @@ pub(crate) enum Motion {
         velocity: [f32; 2],
         rate_rad_s: f32,
     },
+    /// Steady acceleration.
+    Parabola {
+        origin: [f32; 2],
+        velocity: [f32; 2],
+        acceleration: [f32; 2],
+    },
     /// A straight line thrown back by walls, at the angle of incidence.
     Walled {
         origin: [f32; 2],
@@ -96,6 +102,15 @@ impl Motion {
                 };
                 [origin[0] + vx * c - vy * s, origin[1] + vx * s + vy * c]
             }
+            Self::Parabola {
+                origin,
+                velocity,
+                acceleration,
+            } => {
+                let half = 0.5 * ahead_s * ahead_s;
+                let [x, y] = along(origin, velocity, ahead_s);
+                [x + acceleration[0] * half, y + acceleration[1] * half]
+            }
             Self::Walled {
                 origin,
                 velocity,
@@ -121,6 +136,7 @@ impl Motion {
             Self::Rest { .. } => [0.0; 2],
             Self::Line { velocity, .. }
             | Self::Walled { velocity, .. }
+            | Self::Parabola { velocity, .. }
             | Self::Turn { velocity, .. } => velocity.map(f64::from),
         }
     }
@@ -129,7 +145,9 @@ impl Motion {
     pub(crate) fn turn_rate_rad_s(&self) -> f64 {
         match self {
             Self::Turn { rate_rad_s, .. } => f64::from(*rate_rad_s),
-            Self::Rest { .. } | Self::Line { .. } | Self::Walled { .. } => 0.0,
+            Self::Rest { .. } | Self::Line { .. } | Self::Walled { .. } | Self::Parabola { .. } => {
+                0.0
+            }
         }
     }
 
@@ -164,6 +182,18 @@ impl Motion {
                 walls: walls.map(single),
             },
             None => Self::NONE,
+        }
+    }
+
+    /// The parabola through the points; a line for fewer than three.
+    pub(crate) fn parabola(points: &[Point]) -> Self {
+        match parabola(points) {
+            Some([origin, velocity, acceleration]) => Self::Parabola {
+                origin: single(origin),
+                velocity: single(velocity),
+                acceleration: single(acceleration),
+            },
+            None => Self::line(points),
         }
     }
 
@@ -346,7 +376,7 @@ fn rate_from_chords(points: &[Point]) -> Option<f64> {
 struct TurnFit {
     origin: [f64; 2],
     velocity: [f64; 2],
-    /// Sum of squared residuals.
+    /// Weighed sum of squared residuals.
     residual: f64,
     /// Half the fall of `residual` for a small rise of the rate, for each rad/s.
     gradient: f64,

@@ -2,8 +2,8 @@
 //!
 //! Plain numbers in, plain numbers out; what they mean is the business of `inputs` and `mixture`. It starts from weights
 //! that were made beforehand from generated motions, and every step of training pulls it back towards them, so that a
-//! track which has nothing to teach does not drift, and no weight can leave for ever. An input of zero trains no weight, so
-//! the network grows with its inputs.
+//! track which has nothing to teach does not drift, and no weight can leave for ever. An input that is still zero trains
+//! none of its weights, so the network grows with its inputs.
 //!
 //! Cost: `forward` [`WEIGHTS`] multiplications and [`HIDDEN`] tanh, a step of training twice that.
 
@@ -45,6 +45,14 @@ pub(crate) struct Descent {
     pub(crate) rate: f32,
     /// Length beyond which a gradient is shortened: one wild sample must not tear the weights away.
     pub(crate) most: f32,
+}
+
+impl Answer {
+    /// Of no network.
+    pub(crate) const NONE: Self = Self {
+        hidden: [0.0; HIDDEN],
+        outputs: [0.0; OUTPUTS],
+    };
 }
 
 static START: Network = Network::START;

@@ -7,6 +7,8 @@ const MAX_COORDINATE: f64 = 1e9;
 /// Longest gap in seconds, and in frames where these are slow.
 const LONGEST_GAP_S: f64 = 2.0;
 const LEAST_GAP_FRAMES: f64 = 4.0;
+/// What is faster than so many top speeds is not followed: top speeds are guessed.
+const TOP_SPEEDS: f64 = 2.0;
 const MAX_VARIANCE: f64 = MAX_COORDINATE * MAX_COORDINATE;
 
 /// One thing seen in one frame.
@@ -114,9 +116,14 @@ impl Settings {
         LONGEST_GAP_S.max(LEAST_GAP_FRAMES * self.frame_period_s)
     }
 
-    /// Speed that no forecast exceeds, in units a second: what the gate can follow from frame to frame.
+    /// Farthest that an object can have gone in a time, in units.
+    pub(crate) fn farthest(&self, time_s: f64) -> f64 {
+        self.gate_base + TOP_SPEEDS * self.top_speed * time_s
+    }
+
+    /// Speed that no forecast exceeds, in units a second: none faster is followed.
     pub(crate) fn speed_limit(&self) -> f64 {
-        3.0 * self.top_speed + self.gate_base / self.frame_period_s
+        self.farthest(self.frame_period_s) / self.frame_period_s
     }
 }
 

@@ -27,7 +27,7 @@ use crate::FORECAST_SPACING_S;
 use crate::MAX_FORECAST;
 use crate::NS_PER_S;
 use crate::covariance::{Covariance, semidefinite};
-use crate::forecast::{Forecast, Forecaster, Walls};
+use crate::forecast::{Forecast, Forecaster, Walls, pushed_out};
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
 use crate::hypotheses::Hypotheses;
@@ -187,11 +187,12 @@ impl Track {
     }
 
     /// Where the object will be `dt_s` seconds after this frame's time stamp, at any moment up to
-    /// [`FARTHEST_S`](crate::FARTHEST_S) and straight on a little beyond: the curve that the points of
-    /// [`forecast`](Self::forecast) lie on. A moment before the frame counts as the frame's.
+    /// [`FARTHEST_S`](crate::FARTHEST_S) and a little beyond: the curve that the points of
+    /// [`forecast`](Self::forecast) lie on. A moment before the frame counts as the frame's, one that is too far ahead as the
+    /// farthest.
     #[must_use]
     pub fn forecast_at(&self, dt_s: f64) -> ForecastPoint {
-        let dt_s = dt_s.max(0.0);
+        let dt_s = dt_s.max(0.0).min(self.ahead.longest_s());
         let (place, covariance) = self.ahead.at(self.coasted_s + dt_s);
         let [x, y] = add(place, self.shift);
         ForecastPoint {
@@ -426,7 +427,8 @@ impl Track {
         self.ahead = self.forecaster.forecast(
             &self.history,
             steering.as_ref(),
-            &now.walls,
+            // A place in a blob may lie outside.
+            &pushed_out(&now.walls, position),
             &self.covariance,
             now.settings,
         );

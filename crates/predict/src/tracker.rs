@@ -12,9 +12,6 @@ use crate::{MAX_OBSERVATIONS, MAX_TRACKS, NS_PER_S};
 /// Gate of a track seen in the last frame, in ways at top speed since then. The forecast may be as wrong as twice
 /// the top speed where an object turns back; narrower gates lose objects in measurements, wider ones gain nothing.
 const GATE_SPEEDS: f64 = 3.0;
-/// Farthest from its last place that an object is looked for, in ways at top speed since then: whatever its forecast says, it cannot
-/// have gone farther, and a false blob out there would send the track away. Two, since top speeds are guessed.
-const REACH_SPEEDS: f64 = 2.0;
 /// By how much unlikelier it is that a thing is not seen than that it is seen at the edge of its gate.
 const UNSEEN: f64 = 3.0;
 /// How much wider the gate is between an observation and the track of the same marker: no other track may claim
@@ -23,7 +20,7 @@ const SAME_MARKER_GATES: f64 = 3.0;
 
 /// All objects on the floor, from frame to frame.
 ///
-/// The tracks themselves are kept where the caller says, since one of them takes about 35 kB and there is no heap here: in
+/// The tracks themselves are kept where the caller says, since one of them takes about 46 kB and there is no heap here: in
 /// `S`, which may be a vector, a boxed slice or an array.
 ///
 /// ```
@@ -302,11 +299,11 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         settings.gate_base + track.blob_reach() + way
     }
 
-    /// Furthest from its last place that an object is looked for, in units.
+    /// Furthest from its last place that an object is looked for, in units. Whatever its forecast says, it cannot have gone farther,
+    /// and a false blob out there would send the track away.
     fn reach(&self, track: &Track) -> f64 {
-        let settings = &self.settings;
-        let way = settings.top_speed * track.unmeasured_s(self.clock_ns);
-        settings.gate_base + track.blob_reach() + REACH_SPEEDS * way
+        let unmeasured_s = track.unmeasured_s(self.clock_ns);
+        track.blob_reach() + self.settings.farthest(unmeasured_s)
     }
 
     /// The number of a new track: that which the robot of this marker had, or the next.

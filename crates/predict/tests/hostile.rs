@@ -123,7 +123,7 @@ fn check(track: &Track, n_observations: usize) -> Result<(), TestCaseError> {
     prop_assert!(plausible(track.covariance()), "{:?}", track.covariance());
     prop_assert!(track.observed().is_none_or(|index| index < n_observations));
     prop_assert!(track.turn_rate_rad_s().is_finite() && track.age_s() >= 0.0);
-    for dt_s in [-1.0, 0.0, 0.05, 1.3, 9.0, f64::NAN] {
+    for dt_s in [-1.0, 0.0, 0.05, 1.3, 9.0, f64::NAN, f64::INFINITY] {
         let point = track.forecast_at(dt_s);
         prop_assert!(finite(&[point.dt_s, point.x, point.y]), "{point:?}");
         prop_assert!(plausible(point.covariance), "{point:?}");
@@ -137,6 +137,45 @@ fn check(track: &Track, n_observations: usize) -> Result<(), TestCaseError> {
         prop_assert!(plausible(point.covariance), "{point:?}");
     }
     Ok(())
+}
+
+/// Jumps from edge to edge within nanoseconds, and variances as large as they may be.
+#[test]
+fn the_largest_numbers_stay_finite() {
+    let second = 1_000_000_000;
+    let (jump, same) = ([-1e9, 1e9, 1e9, 1e9, 1e9], [5.0; 5]);
+    for (frame_period_s, top_speed) in [(10.0, 1e9), (0.1, 1e9), (1.0 / 15.0, 1e9), (10.0, 300.0)] {
+        let frame = (frame_period_s * second as f64) as u64;
+        for stamps in [
+            [0, 1, 2, 3, 4].map(|i| i * frame),
+            [0, 1, frame, 2 * frame, 3 * frame],
+        ] {
+            for (xs, variance) in [(jump, 1e18), (jump, 0.0), (same, 1e18)] {
+                let settings = Settings {
+                    frame_period_s,
+                    top_speed,
+                    gate_base: top_speed,
+                    ..Settings::default()
+                };
+                let mut tracker = Tracker::new(vec![Track::EMPTY; MAX_TRACKS]);
+                for (stamp_ns, x) in stamps.into_iter().zip(xs) {
+                    let observation = Observation {
+                        x,
+                        y: -0.7 * x,
+                        covariance: [[variance, 0.0], [0.0, variance]],
+                        heading: None,
+                        marker: Some(1),
+                        reach: 0.0,
+                        area: 0.0,
+                    };
+                    tracker.update(stamp_ns, &[observation], &settings);
+                    for track in tracker.tracks() {
+                        check(track, 1).expect("finite");
+                    }
+                }
+            }
+        }
+    }
 }
 
 proptest! {

@@ -365,6 +365,15 @@ fn tracks_outlive_the_floor() {
     floor.see(&blobs);
     let observed: Vec<_> = floor.tracker.tracks().map(Track::observed).collect();
     assert_eq!(observed, [Some(0), Some(1)]);
+    // Of a floor on which only one thing was seen, the other is not thought to be there too.
+    floor.tracker.forget_floor();
+    floor.see(&[blob([100.0, 101.0])]);
+    floor.tracker.forget_floor();
+    floor.see(&[blob([200.0, 151.0])]);
+    let observed: Vec<_> = floor.tracker.tracks().map(Track::observed).collect();
+    assert_eq!(observed, [None, Some(0)]);
+    floor.tracker.forget_floor();
+    assert_eq!(floor.see(&[]).started, 0);
 }
 
 #[test]
