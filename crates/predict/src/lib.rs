@@ -70,6 +70,7 @@ mod observation;
 mod track;
 mod tracker;
 pub mod training;
+mod turn;
 mod vector;
 
 pub use horizon::FARTHEST_S;

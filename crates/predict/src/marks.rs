@@ -466,21 +466,23 @@ mod tests {
         assert!(summary.marks[HORIZONS - 1][5][0] > 5.0);
     }
 
-    #[test]
-    fn every_forecast_kept_long_enough_is_compared_at_every_horizon_once() {
-        let horizons = Horizons::new(0.1);
-        let mut seen = [0_u32; HORIZONS];
+    /// How often every horizon is compared on something at rest.
+    fn comparisons(
+        step_ns: u64,
+        n: u64,
+        mut teach: impl FnMut(&Sample, &Comparison<'_>),
+    ) -> [u32; HORIZONS] {
+        let horizons = Horizons::new(step_ns as f64 / 1e9);
+        let mut seen = [0; HORIZONS];
         let mut marks = Marks::START;
-        for i in 0..100 {
+        for i in 0..n {
             let newest = Sample {
-                time_ns: i * STEP_NS,
+                time_ns: i * step_ns,
                 position: [0.0; 2],
             };
             marks.compare(&newest, None, &horizons, |comparison| {
                 seen[comparison.horizon] += 1;
-                let due_s = horizons.times_s[comparison.horizon];
-                let age_s = newest.seconds_since(&comparison.issued.newest);
-                assert!((age_s - due_s).abs() < 0.051, "{age_s} for {due_s}");
+                teach(&newest, comparison);
             });
             let issued = Issued {
                 newest,
@@ -490,6 +492,17 @@ mod tests {
             };
             marks.issue(issued, &horizons);
         }
+        seen
+    }
+
+    #[test]
+    fn every_forecast_kept_long_enough_is_compared_at_every_horizon_once() {
+        let times_s = Horizons::new(0.1).times_s;
+        let seen = comparisons(STEP_NS, 100, |newest, comparison| {
+            let due_s = times_s[comparison.horizon];
+            let age_s = newest.seconds_since(&comparison.issued.newest);
+            assert!((age_s - due_s).abs() < 0.051, "{age_s} for {due_s}");
+        });
         assert_eq!(seen[0], 99);
         assert_eq!(
             seen[HORIZONS - 1],
@@ -501,28 +514,9 @@ mod tests {
     #[test]
     fn every_horizon_is_compared_at_every_rate() {
         for rate_hz in [
-            3_u64, 5, 8, 12, 15, 20, 24, 25, 30, 50, 60, 75, 90, 100, 120, 200,
+            3, 5, 8, 12, 15, 20, 24, 25, 30, 50, 60, 75, 90, 100, 120, 200,
         ] {
-            let step_ns = 1_000_000_000 / rate_hz;
-            let horizons = Horizons::new(1.0 / rate_hz as f64);
-            let mut seen = [0_u32; HORIZONS];
-            let mut marks = Marks::START;
-            for i in 0..20 * rate_hz {
-                let newest = Sample {
-                    time_ns: i * step_ns,
-                    position: [0.0; 2],
-                };
-                marks.compare(&newest, None, &horizons, |comparison| {
-                    seen[comparison.horizon] += 1;
-                });
-                let issued = Issued {
-                    newest,
-                    n_samples: 9,
-                    ellipses: [[1.0, 0.0, 1.0]; HORIZONS],
-                    ..Waiting::NONE.issued
-                };
-                marks.issue(issued, &horizons);
-            }
+            let seen = comparisons(1_000_000_000 / rate_hz, 20 * rate_hz, |_, _| {});
             assert!(seen.iter().all(|n| *n > 10), "{rate_hz} Hz: {seen:?}");
         }
     }

@@ -1,5 +1,5 @@
 //! Motions that a few numbers describe, fitted to an object's last places by least squares: rest, a straight line,
-//! with walls or without, a parabola, and a constant turn.
+//! with walls or without, a parabola, and a constant turn (`turn`).
 //!
 //! Everything is relative to the newest place and its moment, in seconds and units, so that uneven frames and
 //! far-away origins do not matter.
@@ -7,29 +7,13 @@
 //! # Weights
 //!
 //! Things change their minds: the older a place, the less it tells of what comes. So for lines and turns a place's weight falls
-//! evenly with its age, down to a fifth for the oldest. On a motion that changes slowly this is as steady as an even window of two thirds of the length,
-//! and follows sooner.
-//!
-//! # The turn
-//!
-//! An object that moves at constant speed and turns at the constant rate w is at
-//!
-//! ```text
-//! p(t) = p0 + v * g(t),   g(t) = (sin wt + i (1 - cos wt)) / w      (places as complex numbers, t = 0 newest)
-//! ```
-//!
-//! For a given w this is linear in p0 and v, so these two are eliminated (variable projection) and Gauss-Newton
-//! searches for w alone. The start comes from two chords: a chord of an arc is parallel to the tangent at the
-//! middle of its time, so the angle between the chords over the older and the newer samples, divided by the time
-//! between the middles, is w, exactly so without noise.
-//!
-//! A turn rate found in noise bends a forecast badly. The rate is therefore scaled by 1 - var(w)/w², not below 0
-//! (the positive-part James-Stein factor): a rate that stands out of its own uncertainty stays, another vanishes
-//! and leaves a line.
+//! evenly with its age, down to a fifth for the oldest. On a motion that changes slowly this is as steady as an even window of two
+//! thirds of the length, and follows sooner.
 
-use libm::{atan2, sincos, sinf};
+use libm::sinf;
 
-use crate::vector::{add, complex_mul, conjugate, norm_squared, scale, sub};
+use crate::turn::turn;
+use crate::vector::{add, scale, sub};
 
 /// A place of the past relative to the newest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -214,7 +198,7 @@ impl Motion {
 const FALL: f64 = 0.8;
 
 /// Weight of a place among others, the oldest of which is of the moment `oldest_s`, before the newest.
-fn weight(point: &Point, oldest_s: f64) -> f64 {
+pub(crate) fn weight(point: &Point, oldest_s: f64) -> f64 {
     1.0 - FALL * point.time_s / oldest_s
 }
 
@@ -331,156 +315,11 @@ pub(crate) fn parabola(points: &[Point]) -> Option<[[f64; 2]; 3]> {
         .then_some(fit)
 }
 
-/// Gauss-Newton steps from the chords' start; further ones change nothing that matters.
-const TURN_ITERATIONS: usize = 1;
-
-/// Place and velocity at the newest moment, and the turn rate; `None` for fewer than three points or if they do not
-/// move.
-fn turn(points: &[Point], most_rad_s: f64) -> Option<([f64; 2], [f64; 2], f64)> {
-    if points.len() < 3 {
-        return None;
-    }
-    let mut rate = rate_from_chords(points)?.clamp(-most_rad_s, most_rad_s);
-    let mut fit = TurnFit::of(points, rate)?;
-    // Three points determine the rate without remainder.
-    let iterations = if points.len() > 3 { TURN_ITERATIONS } else { 0 };
-    for _ in 0..iterations {
-        if fit.information > 0.0 {
-            rate = (rate + fit.gradient / fit.information).clamp(-most_rad_s, most_rad_s);
-            fit = TurnFit::of(points, rate)?;
-        }
-    }
-    let certainty = fit.certainty(points.len(), rate);
-    if certainty < 1.0 {
-        rate *= certainty;
-        fit = TurnFit::of(points, rate)?;
-    }
-    Some((fit.origin, fit.velocity, rate))
-}
-
-/// Angle between the chord over the older half of the points and that over the newer half, by the time between the
-/// middles of the two; `None` if a chord has no direction.
-fn rate_from_chords(points: &[Point]) -> Option<f64> {
-    let (newest, oldest) = (points.first()?, points.last()?);
-    let middle = &points[points.len() / 2];
-    let older = sub(middle.place, oldest.place);
-    let newer = sub(newest.place, middle.place);
-    let [dot, cross] = complex_mul(newer, conjugate(older));
-    if cross == 0.0 && dot == 0.0 {
-        return None;
-    }
-    Some(atan2(cross, dot) / (0.5 * -oldest.time_s))
-}
-
-/// The best p0 and v for a turn rate, and how their squared residual changes with it.
-struct TurnFit {
-    origin: [f64; 2],
-    velocity: [f64; 2],
-    /// Weighed sum of squared residuals.
-    residual: f64,
-    /// Half the fall of `residual` for a small rise of the rate, for each rad/s.
-    gradient: f64,
-    /// Gauss-Newton's curvature; noise variance divided by it is the variance of the rate.
-    information: f64,
-}
-
-impl TurnFit {
-    fn of(points: &[Point], rate: f64) -> Option<Self> {
-        let oldest_s = points.last()?.time_s;
-        // With residual r = p - p0 - v g and its derivative v g', both are made of the weighted sums of these.
-        let (mut n, mut g, mut g_squared) = (0.0, [0.0; 2], 0.0);
-        let (mut d, mut d_squared, mut d_by_g) = ([0.0; 2], 0.0, [0.0; 2]);
-        let (mut p, mut p_squared, mut p_by_g, mut p_by_d) = ([0.0; 2], 0.0, [0.0; 2], [0.0; 2]);
-        for point in points {
-            let weight = weight(point, oldest_s);
-            let (arc, derivative) = arc(rate, point.time_s);
-            let [weighed_arc, weighed_derivative, weighed_place] =
-                [arc, derivative, point.place].map(|vector| scale(vector, weight));
-            n += weight;
-            g = add(g, weighed_arc);
-            g_squared += weight * norm_squared(arc);
-            d = add(d, weighed_derivative);
-            d_squared += weight * norm_squared(derivative);
-            d_by_g = add(d_by_g, complex_mul(weighed_derivative, conjugate(arc)));
-            p = add(p, weighed_place);
-            p_squared += weight * norm_squared(point.place);
-            p_by_g = add(p_by_g, complex_mul(weighed_place, conjugate(arc)));
-            p_by_d = add(p_by_d, complex_mul(weighed_place, conjugate(derivative)));
-        }
-        // About the means, which takes p0 out.
-        let about = |product: [f64; 2], a: [f64; 2], b: [f64; 2]| {
-            sub(product, scale(complex_mul(a, conjugate(b)), 1.0 / n))
-        };
-        let g_spread = g_squared - norm_squared(g) / n;
-        let d_spread = d_squared - norm_squared(d) / n;
-        let d_by_g = about(d_by_g, d, g);
-        let p_by_g = about(p_by_g, p, g);
-        let p_by_d = about(p_by_d, p, d);
-        let velocity = scale(p_by_g, 1.0 / g_spread);
-        let origin = scale(sub(p, complex_mul(velocity, g)), 1.0 / n);
-        let residual =
-            (p_squared - norm_squared(p) / n - norm_squared(velocity) * g_spread).max(0.0);
-        // Real part of r by the conjugate of v g', summed.
-        let slope = sub(p_by_d, complex_mul(velocity, conjugate(d_by_g)));
-        let gradient = slope[0] * velocity[0] + slope[1] * velocity[1];
-        let information = norm_squared(velocity) * (d_spread - norm_squared(d_by_g) / g_spread);
-        let finite = velocity.iter().chain(&origin).all(|c| c.is_finite())
-            && gradient.is_finite()
-            && information.is_finite();
-        finite.then_some(Self {
-            origin,
-            velocity,
-            residual,
-            gradient,
-            information,
-        })
-    }
-
-    /// Part of the rate that stands out of its uncertainty: 1 - var(w)/w², or nothing. The variance is that of weights which say how
-    /// certain places are; of equally certain ones it is about a sixth larger.
-    fn certainty(&self, n_points: usize, rate: f64) -> f64 {
-        let freedom = (2 * n_points).saturating_sub(5) as f64;
-        let variance = self.residual / freedom / self.information;
-        let certainty = 1.0 - variance / (rate * rate);
-        // Points that do not determine the rate give no information, and the comparison fails for what is then no
-        // number.
-        if self.information > 0.0 && certainty > 0.0 {
-            certainty
-        } else {
-            0.0
-        }
-    }
-}
-
-/// g(t) of the module's documentation and its derivative by the turn rate; their series where the quotients lose
-/// their digits.
-fn arc(rate: f64, time_s: f64) -> ([f64; 2], [f64; 2]) {
-    let angle = rate * time_s;
-    let squared = time_s * time_s;
-    if angle.abs() < 1e-3 {
-        (
-            [time_s * (1.0 - angle * angle / 6.0), time_s * (0.5 * angle)],
-            [
-                -squared * angle / 3.0,
-                squared * (0.5 - angle * angle / 8.0),
-            ],
-        )
-    } else {
-        let (sine, cosine) = sincos(angle);
-        let arc = [sine / rate, (1.0 - cosine) / rate];
-        // d/dw (sin wt)/w = (t cos wt - g_x)/w and likewise for y.
-        let derivative = [
-            (time_s * cosine - arc[0]) / rate,
-            (time_s * sine - arc[1]) / rate,
-        ];
-        (arc, derivative)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     extern crate std;
     use super::*;
+    use crate::vector::norm_squared;
     use libm::{cos, sin};
     use std::vec::Vec;
 
@@ -597,19 +436,5 @@ mod tests {
         assert_eq!(motion.at(0.5), [5.0, 2.0]);
         assert_eq!(motion.at(1.0), [2.0, 4.0]);
         assert_eq!(motion.at(9.0)[0], -5.0, "not through the other wall");
-    }
-
-    #[test]
-    fn derivative_of_the_arc_is_its_difference_quotient() {
-        for (rate, time_s) in [(0.5, -0.4), (-3.0, 0.9), (1e-3, -0.5), (0.0, 0.3)] {
-            let h = 1e-5;
-            let (_, analytic) = arc(rate, time_s);
-            let [above, below] = [h, -h].map(|h| arc(rate + h, time_s).0);
-            let numeric = scale(sub(above, below), 0.5 / h);
-            assert!(
-                norm_squared(sub(analytic, numeric)) < 1e-12,
-                "{rate} {time_s}: {analytic:?} {numeric:?}"
-            );
-        }
     }
 }
