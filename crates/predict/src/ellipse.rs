@@ -6,7 +6,8 @@
 //! larger by a step with every miss, smaller by a nineteenth of it with every hit, so that in the long run 95 % of what comes
 //! lies within the 95 % ellipse (Gibbs and Candès, "Adaptive conformal inference under distribution shift").
 //!
-//! It covers what a camera will measure, noise included. What is rare and gives no sign before it happens, like the first wall in
+//! However large that makes it, it ends where an object cannot be that has never gone faster than so far. It covers what a camera will
+//! measure, noise included. What is rare and gives no sign before it happens, like the first wall in
 //! an object's way, no ellipse can hold in advance.
 
 use libm::expf;
@@ -23,8 +24,8 @@ const OUTSIDE: f32 = 0.05;
 const MEMORY: f32 = 60.0;
 /// Comparisons that the moments expected beforehand are worth.
 const PRIOR: f32 = 3.0;
-/// Step of the size's logarithm at the first and at the last horizon, where comparisons are seldom.
-const FOLLOW: [f32; 2] = [0.15, 0.4];
+/// Step of the size's logarithm at the first and at the last horizon, where one event makes many misses in a row.
+const FOLLOW: [f32; 2] = [0.15, 0.2];
 /// Bounds of the logarithm followed. A horizon that is held up by a nearer one only ever becomes smaller: not much, since it will be
 /// missing when the nearer one shrinks.
 const FOLLOWED: [f32; 2] = [-1.0, 2.0];
@@ -32,6 +33,8 @@ const FOLLOWED: [f32; 2] = [-1.0, 2.0];
 const MOST_SCALE: f32 = 3.0;
 /// Least growth of a variance from one horizon to the next.
 const LEAST_GROWTH: f32 = 1.02;
+/// Farthest that a forecast is wrong, in ways at the fastest that the object ever went: it may turn back.
+const MOST_WRONG: f32 = 2.0;
 /// Bounds of errors and variances, in units and squared units, so that no sum of squares is infinite.
 const MOST_ERROR: f32 = 1e14;
 const MOST_VARIANCE: f32 = 1e30;
@@ -117,11 +120,23 @@ pub(crate) fn ellipses(
     ellipses
 }
 
-/// The ellipses as they are published, and compared with what comes. Sizes follow what happened at each horizon by itself; but of what
-/// is farther away one knows a little less.
-pub(crate) fn growing(mut ellipses: [[f32; 3]; HORIZONS]) -> [[f32; 3]; HORIZONS] {
+/// The ellipses as they are published, and compared with what comes. None reaches farther than an object can be wrong that has never
+/// gone faster than `fastest`, in units a second; 0 if nothing is known of that. And sizes follow what happened at each horizon by
+/// itself, but of what is farther away one knows a little less.
+pub(crate) fn published(
+    mut ellipses: [[f32; 3]; HORIZONS],
+    horizons: &Horizons,
+    fastest: f32,
+) -> [[f32; 3]; HORIZONS] {
     let mut least = [0.0; 2];
-    for [along, _, across] in &mut ellipses {
+    for (ellipse, time_s) in ellipses.iter_mut().zip(horizons.times_s) {
+        let farthest = MOST_WRONG * fastest * time_s as f32;
+        let most = farthest * farthest / WITHIN_95;
+        let largest = ellipse[0].max(ellipse[2]);
+        if most > 0.0 && largest > most {
+            *ellipse = ellipse.map(|value| value * (most / largest));
+        }
+        let [along, _, across] = ellipse;
         *along = along.max(least[0]);
         *across = across.max(least[1]);
         least = [LEAST_GROWTH * *along, LEAST_GROWTH * *across];

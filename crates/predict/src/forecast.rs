@@ -11,7 +11,7 @@
 use libm::sqrt;
 
 use crate::covariance::{Covariance, trace};
-use crate::ellipse::{ellipses, growing, on_axes};
+use crate::ellipse::{ellipses, on_axes, published};
 use crate::experts::{EXPERTS, Past, Steering, fit};
 use crate::history::{History, Sample};
 use crate::horizon::{FARTHEST_S, HORIZONS, Horizons};
@@ -136,7 +136,11 @@ impl Forecaster {
             ..
         } = known;
         let weighed = weigh(&self.network, &known.evidence);
-        let ellipses = growing(self.ellipses(&known, &weighed.spread, covariance, settings));
+        let ellipses = published(
+            self.ellipses(&known, &weighed.spread, covariance, settings),
+            &horizons,
+            self.marks.fastest / horizons.step_s as f32,
+        );
         let issued = Issued {
             newest: *newest,
             n_samples: history.samples().len(),

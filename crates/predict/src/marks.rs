@@ -120,6 +120,8 @@ pub(crate) struct Marks {
     /// Mean way of a step and how many made it.
     way: f32,
     n_ways: f32,
+    /// Longest way of a step.
+    pub(crate) fastest: f32,
 }
 
 /// The marks as they stand.
@@ -148,6 +150,7 @@ impl Marks {
         best: [0.0; HORIZONS],
         way: 0.0,
         n_ways: 0.0,
+        fastest: 0.0,
     };
 
     /// Forgets the forecasts that wait for comparison, not the marks.
@@ -199,6 +202,7 @@ impl Marks {
                 let way = (norm(sub(newest.position, before.position)) / steps) as f32;
                 self.n_ways = (self.n_ways + 1.0).min(WAY_MEMORY);
                 self.way += (way - self.way) / self.n_ways;
+                self.fastest = self.fastest.max(way);
             }
         }
         for slot in 0..self.n_waiting {

@@ -233,7 +233,7 @@ fn twenty_that_cross_keep_their_numbers() {
     let count = crowd(20, 0.0, 0.1, 60);
     let switches = count.switches_per_1000();
     println!("20 crossing: {switches:.2} switches in 1000 object frames");
-    // Measured .06; what is left are pairs that go side by side, and tracks of two or three samples.
+    // Measured .04; what is left are pairs that go side by side, and tracks of two or three samples.
     assert!(switches <= 0.1, "{count:?}");
 }
 
@@ -242,7 +242,7 @@ fn fifty_that_merge_seldom_change_their_numbers() {
     let count = crowd(50, 8.0, 0.1, 10);
     let switches = count.switches_per_1000();
     println!("50 merging: {switches:.2} switches in 1000 object frames");
-    // Measured 1.7; most change as they leave a blob in which one of them has turned.
+    // Measured 1.6; most change as they leave a blob in which one of them has turned.
     assert!(switches <= 2.2, "{count:?}");
 }
 
