@@ -14,7 +14,7 @@ use crate::inputs::INPUTS;
 use crate::mixture::{OUTPUTS, ROW};
 
 /// Units of the hidden layer.
-pub const HIDDEN: usize = 16;
+pub const HIDDEN: usize = 24;
 /// Number of all weights.
 pub const WEIGHTS: usize = HIDDEN_WEIGHTS + OUTPUT_WEIGHTS;
 const HIDDEN_WEIGHTS: usize = (INPUTS + 1) * HIDDEN;
