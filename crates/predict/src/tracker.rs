@@ -20,7 +20,7 @@ const SAME_MARKER_GATES: f64 = 3.0;
 
 /// All objects on the floor, from frame to frame.
 ///
-/// The tracks themselves are kept where the caller says, since one of them takes about 46 kB and there is no heap here: in
+/// The tracks themselves are kept where the caller says, since one of them takes about 51 kB and there is no heap here: in
 /// `S`, which may be a vector, a boxed slice or an array.
 ///
 /// ```
