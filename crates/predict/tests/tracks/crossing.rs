@@ -233,7 +233,7 @@ fn twenty_that_cross_keep_their_numbers() {
     let count = crowd(20, 0.0, 0.1, 60);
     let switches = count.switches_per_1000();
     println!("20 crossing: {switches:.2} switches in 1000 object frames");
-    // Measured .04; what is left are pairs that go side by side, and tracks of two or three samples.
+    // Measured .03; what is left are pairs that go side by side, and tracks of two or three samples.
     assert!(switches <= 0.1, "{count:?}");
 }
 
