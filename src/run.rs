@@ -35,7 +35,7 @@ use anyhow::Context;
 use crate::cli::RunArgs;
 use crate::publish::Publisher;
 use crate::recording::record::Recorder;
-use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
+use crate::run::capture::{Counters, capture, open_source};
 use crate::run::process::{ProcessStage, Sink};
 use crate::run::record::{Recording, record};
 use crate::setup::Setup;
@@ -83,6 +83,21 @@ impl Books {
     pub fn balance(&self) -> bool {
         self.captured == self.dropped + self.processed + self.skipped
             && self.processed + self.skipped == self.recorded + self.unrecorded
+    }
+
+    /// Enters what capture counted. One that was left behind may still count: the run ends with the frames that came from it.
+    fn with_capture(self, counters: &Counters, capture_ended: bool) -> Self {
+        let dropped = counters.dropped.load(Ordering::Acquire);
+        let captured = if capture_ended {
+            counters.captured.load(Ordering::Acquire)
+        } else {
+            dropped + self.processed + self.skipped
+        };
+        Self {
+            captured,
+            dropped,
+            ..self
+        }
     }
 }
 
@@ -183,25 +198,25 @@ pub fn run(
         n_scenes: 0,
         books: Books::default(),
         light: scene::LIGHT_STEADY,
+        capture_ended: false,
     };
     let processed = stage.run(&frames, stop);
     if processed.is_ok() && stage.n_scenes == 0 && stage.books.processed > 0 {
         stage.explain_silence();
     }
-    let mut books = stage.books;
-    // The recorder ends with the last slot that is sent to it, and capture when nobody takes its frames.
+    let (books, capture_ended) = (stage.books, stage.capture_ended);
+    // The recorder ends with the last slot that is sent to it.
     drop((frames, stage));
     let recorded = recording
         .map(|thread| joined(thread, "record"))
         .transpose()?;
-    let captured = if info.live {
-        // A camera blocks nobody for long, and its controls are put back at the end.
+    let captured = if capture_ended {
         joined(capture, "capture")?
     } else {
-        joined_unless_blocked(capture, stop)?
+        // It is left behind with the pipe that it reads.
+        Ok(())
     };
-    books.captured = counters.captured.load(Ordering::Acquire);
-    books.dropped = counters.dropped.load(Ordering::Acquire);
+    let books = books.with_capture(&counters, capture_ended);
     finish(
         books,
         &counters,
@@ -311,5 +326,21 @@ mod tests {
             }
             .balance()
         );
+    }
+
+    #[test]
+    fn a_capture_thread_that_is_left_behind_does_not_upset_the_books() {
+        let counters = Counters::default();
+        // It has just taken a frame that nobody will receive.
+        counters.captured.store(8, Ordering::Release);
+        let books = Books {
+            processed: 5,
+            skipped: 2,
+            recorded: 7,
+            ..Books::default()
+        };
+        let left_behind = books.with_capture(&counters, false);
+        assert!(left_behind.balance() && left_behind.captured == 7);
+        assert!(!books.with_capture(&counters, true).balance());
     }
 }

@@ -33,22 +33,41 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) books: Books,
     /// Of the scene before.
     pub(super) light: u32,
+    /// Every frame that capture will ever send has been received. Otherwise capture waits for a pipe that stays silent.
+    pub(super) capture_ended: bool,
 }
+
+/// After so many polls without a frame since the stop, capture waits for a pipe that stays silent.
+const SILENT_POLLS: u32 = 3;
 
 impl<W: Write> ProcessStage<'_, W> {
     /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
+    ///
+    /// A stop ends capture, and capture ends this: until then a frame may be on its way. Only a pipe may keep capture for
+    /// ever; it is not waited for then, and what it gives later belongs to no run.
     pub(super) fn run(&mut self, frames: &Receiver<Slot>, stop: &AtomicBool) -> anyhow::Result<()> {
         let mut result = Ok(());
+        let mut silent_polls = 0;
         loop {
             let slot = match frames.recv_timeout(POLL) {
                 Ok(slot) => slot,
-                Err(RecvTimeoutError::Disconnected) => break,
-                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => break,
+                Err(RecvTimeoutError::Disconnected) => {
+                    self.capture_ended = true;
+                    break;
+                }
+                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => {
+                    silent_polls += 1;
+                    if !self.live && silent_polls == SILENT_POLLS {
+                        break;
+                    }
+                    continue;
+                }
                 Err(RecvTimeoutError::Timeout) => {
                     self.while_waiting();
                     continue;
                 }
             };
+            silent_polls = 0;
             if result.is_err() {
                 self.pass_over(slot);
                 continue;
@@ -267,8 +286,74 @@ impl Sink {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::Cli;
     use crate::run::SLOTS;
+    use crate::source::Source;
+    use clap::Parser;
     use std::sync::mpsc::sync_channel;
+
+    /// What a stopped stage makes of a frame that comes `late` polls after the stop, and then, if capture ends, of the end:
+    /// whether it saw capture end, and its books.
+    fn stopped_stage(live: bool, late: u32, capture_ends: bool) -> (bool, Books) {
+        let Cli { run: args, .. } = Cli::parse_from(["overcam"]);
+        let source = Source::open(&args.source.device, &args.source.wish()).expect("the demo");
+        let (to_capture, _free) = sync_channel(SLOTS);
+        let (relearn, stop) = (AtomicBool::new(false), AtomicBool::new(true));
+        let mut stage = ProcessStage {
+            live,
+            json: false,
+            setup: Setup::new(&args, &source).expect("the defaults are right"),
+            publisher: None,
+            sink: Sink::Free(to_capture),
+            status: Status::new(live),
+            relearn: &relearn,
+            relearning: false,
+            out: &mut io::sink(),
+            line: Vec::new(),
+            n_scenes: 0,
+            books: Books::default(),
+            light: scene::LIGHT_STEADY,
+            capture_ended: false,
+        };
+        let (to_process, frames) = sync_channel(SLOTS);
+        let (to_test, kept) = sync_channel(1);
+        let capture = std::thread::spawn(move || {
+            std::thread::sleep(late * POLL + POLL / 2);
+            let mut slot = Slot::empty();
+            slot.passed_over = true;
+            drop(to_process.send(slot));
+            if !capture_ends {
+                drop(to_test.send(to_process));
+            }
+        });
+        stage.run(&frames, &stop).expect("no frame is processed");
+        let result = (stage.capture_ended, stage.books);
+        drop(frames);
+        capture.join().expect("it ends");
+        drop(kept);
+        result
+    }
+
+    #[test]
+    fn a_frame_that_comes_after_the_stop_is_in_the_books() {
+        for live in [true, false] {
+            for late in [0, 1, 2] {
+                let (capture_ended, books) = stopped_stage(live, late, true);
+                assert!(capture_ended);
+                assert_eq!((books.skipped, books.recorded), (1, 1), "{live}, {late}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_camera_is_waited_for_and_a_silent_pipe_is_not() {
+        let (capture_ended, books) = stopped_stage(true, 6, true);
+        assert!(capture_ended);
+        assert_eq!(books.skipped, 1);
+        let (capture_ended, books) = stopped_stage(false, 6, false);
+        assert!(!capture_ended);
+        assert_eq!(books, Books::default());
+    }
 
     #[test]
     fn a_full_recorder_costs_a_frame_of_the_recording_and_no_slot() {
