@@ -12,6 +12,7 @@ import time
 # The layout of crates/scene. The type names carry its version: another one is refused, not misread.
 f64, u32, u64 = ctypes.c_double, ctypes.c_uint32, ctypes.c_uint64
 CLOCK_MONOTONIC = 1  # Scene.clock
+SOURCE_WAITING = 1  # Scene.source
 KIND_MARKER = 1  # Object.kind
 HAS_HEADING = 2  # bit of Object.flags
 
@@ -54,12 +55,14 @@ class Scene(ctypes.Structure):
         ("clock", u32),
         ("light", u32),
         ("gain", ctypes.c_float * 3),
+        ("source", u32),
+        ("frame_age_s", ctypes.c_float),
         ("objects", Object * 64),
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "overcam.Scene.v4"
+        return "overcam.Scene.v5"
 
 
 def now_ns():

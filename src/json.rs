@@ -2,7 +2,7 @@
 //!
 //! The keys are those of the README and never change their meaning; new ones may come. `heading` is left out where an object
 //! has none, `marker` where it is an obstacle, `confidence` where no marker was read in this frame, `overflow` where nothing was
-//! left out of the scene. The covariance is that of (x, y, heading) for an object with a heading and that of (x, y) for one
+//! left out of the scene, `frame_age` (seconds) while frames come. The covariance is that of (x, y, heading) for an object with a heading and that of (x, y) for one
 //! without.
 //!
 //! Numbers are rounded to a resolution that is finer than anything the camera can tell, so that lines stay short and
@@ -15,7 +15,10 @@
 
 use std::io;
 
-use scene::{FRAME_FLOOR, ForecastPoint, KIND_MARKER, LIGHT_CHANGED, LIGHT_DARK, Object, Scene};
+use scene::{
+    FRAME_FLOOR, ForecastPoint, KIND_MARKER, LIGHT_CHANGED, LIGHT_DARK, Object, SOURCE_WAITING,
+    Scene,
+};
 use serde::Serialize;
 use serde::ser::{SerializeMap, SerializeSeq, Serializer};
 
@@ -57,6 +60,14 @@ impl Serialize for SceneJson<'_> {
         map.serialize_entry("light", light)?;
         let gain = scene.gain.map(|gain| rounded(f64::from(gain), 1e3));
         map.serialize_entry("gain", &gain)?;
+        match scene.source {
+            SOURCE_WAITING => {
+                map.serialize_entry("source", "waiting")?;
+                let age_s = rounded(f64::from(scene.frame_age_s), 1e3);
+                map.serialize_entry("frame_age", &age_s)?;
+            }
+            _ => map.serialize_entry("source", "running")?,
+        }
         if scene.n_overflow > 0 {
             map.serialize_entry("overflow", &scene.n_overflow)?;
         }
@@ -260,7 +271,7 @@ mod tests {
     #[test]
     fn a_scene_in_pixels() {
         let expected = concat!(
-            r#"{"sequence":17,"stamp_ns":1133333333,"frame":"image","light":"steady","gain":[1.0,1.0,1.0],"objects":["#,
+            r#"{"sequence":17,"stamp_ns":1133333333,"frame":"image","light":"steady","gain":[1.0,1.0,1.0],"source":"running","objects":["#,
             r#"{"track":3,"kind":"marker","marker":"arrow","x":101.52,"y":88.07,"heading":1.570796,"size":24.1,"#,
             r#""vx":0.0,"vy":-31.2,"turn_rate":-0.25,"age":1.533333,"observed":true,"confidence":0.9877,"#,
             r#""covariance":[[0.0123457,0.0,0.0],[0.0,1234.57,0.5],[0.0,0.5,3.14159e-7]],"#,
@@ -288,12 +299,23 @@ mod tests {
         let mut empty = Scene::EMPTY;
         assert_eq!(
             line(&empty),
-            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"light\":\"steady\",\"gain\":[1.0,1.0,1.0],\"objects\":[]}\n"
+            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"light\":\"steady\",\"gain\":[1.0,1.0,1.0],\"source\":\"running\",\"objects\":[]}\n"
         );
         empty.n_overflow = 3;
         assert_eq!(
             line(&empty),
-            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"light\":\"steady\",\"gain\":[1.0,1.0,1.0],\"overflow\":3,\"objects\":[]}\n"
+            "{\"sequence\":0,\"stamp_ns\":0,\"frame\":\"image\",\"light\":\"steady\",\"gain\":[1.0,1.0,1.0],\"source\":\"running\",\"overflow\":3,\"objects\":[]}\n"
+        );
+    }
+
+    #[test]
+    fn a_scene_without_a_frame_says_how_old_the_last_one_is() {
+        let mut scene = Scene::EMPTY;
+        (scene.source, scene.frame_age_s) = (SOURCE_WAITING, 1.234_567);
+        let text = line(&scene);
+        assert!(
+            text.contains(r#""source":"waiting","frame_age":1.235,"#),
+            "{text}"
         );
     }
 

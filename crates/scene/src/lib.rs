@@ -3,7 +3,8 @@
 //! A planner depends on this crate alone (and on `iceoryx2` to subscribe). One [`Scene`] is published for every processed
 //! frame, also when nothing is seen, on the publish-subscribe service
 //! `NAME/scene` ([`DEFAULT_SERVICE`], [`SERVICE_SUFFIX`]); the event service of the same name
-//! is notified after each publication, so that a reader can block on it.
+//! is notified after each publication, so that a reader can block on it. While no frame comes from a camera, an empty scene a second
+//! says so ([`Scene::source`]).
 //!
 //! # Layout
 //!
@@ -57,6 +58,12 @@ pub const LIGHT_CHANGED: u32 = 1;
 /// [`Scene::light`]: too dark to see anything.
 pub const LIGHT_DARK: u32 = 2;
 
+/// [`Scene::source`]: frames come.
+pub const SOURCE_RUNNING: u32 = 0;
+/// [`Scene::source`]: no frame comes, because the camera is unplugged or has stalled. overcam waits for it; the scene is empty, and its
+/// sequence and stamp are those of the last frame.
+pub const SOURCE_WAITING: u32 = 1;
+
 /// [`Object::kind`]: something without a recognised marker.
 pub const KIND_OBSTACLE: u32 = 0;
 /// [`Object::kind`]: a robot or target with a recognised marker.
@@ -70,7 +77,7 @@ pub const HAS_HEADING: u32 = 2;
 /// Everything known about the floor at the moment one frame was exposed.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("overcam.Scene.v4")]
+#[type_name("overcam.Scene.v5")]
 pub struct Scene {
     /// Number of the frame in its source, from 0; frames that were dropped, passed over or used for learning count too.
     pub sequence: u64,
@@ -90,6 +97,10 @@ pub struct Scene {
     pub light: u32,
     /// How many times as bright as in the picture of the empty floor red, green and blue are: lamps, exposure, white balance.
     pub gain: [f32; 3],
+    /// [`SOURCE_RUNNING`] or [`SOURCE_WAITING`].
+    pub source: u32,
+    /// Seconds since the last frame was exposed, while the source is [`SOURCE_WAITING`]; otherwise 0, for [`Scene::age_ns`] tells.
+    pub frame_age_s: f32,
     /// The objects, in the order of their track numbers.
     pub objects: [Object; MAX_OBJECTS],
 }
@@ -166,6 +177,8 @@ impl Scene {
         clock: CLOCK_SOURCE,
         light: LIGHT_STEADY,
         gain: [1.0; 3],
+        source: SOURCE_RUNNING,
+        frame_age_s: 0.0,
         objects: [Object::EMPTY; MAX_OBJECTS],
     };
 
@@ -369,7 +382,7 @@ const _: () = {
         core::mem::size_of::<Object>()
             == 8 * 19 + NAME_BYTES + 16 + 16 * MAX_OUTLINE + 56 * MAX_FORECAST
     );
-    assert!(core::mem::size_of::<Scene>() == 56 + MAX_OBJECTS * core::mem::size_of::<Object>());
+    assert!(core::mem::size_of::<Scene>() == 64 + MAX_OBJECTS * core::mem::size_of::<Object>());
 };
 
 #[cfg(test)]
