@@ -129,7 +129,8 @@ pub struct SourceArgs {
     /// Camera node, .mcap recording, .y4m file, - for Y4M on standard input, folder of PNG/JPEG files, or demo
     #[arg(long, default_value = "demo")]
     pub device: String,
-    /// Size of the camera's or the demo's frames, as 640x480
+    /// Size of the camera's or the demo's frames, as 640x480; without it the camera's largest up to 1920x1080 that it gives at 25
+    /// frames/s or more
     #[arg(long, value_parser = parse_size)]
     pub size: Option<Size>,
     /// Frames per second of the camera, or of a folder of pictures
@@ -231,6 +232,9 @@ pub struct RunArgs {
     /// Stop after N frames
     #[arg(long, value_name = "N")]
     pub frames: Option<u64>,
+    /// End with status 1 when the camera is unplugged or stalls, instead of waiting until it is back
+    #[arg(long)]
+    pub no_wait: bool,
     /// Least difference from the floor that an object has somewhere, in units of the noise
     #[arg(long, value_name = "SUM")]
     pub threshold: Option<f32>,

@@ -20,6 +20,9 @@
 
 pub mod background;
 mod capture;
+mod heartbeat;
+mod outage;
+mod pace;
 mod process;
 mod record;
 
@@ -28,18 +31,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
 use crate::cli::RunArgs;
 use crate::publish::Publisher;
 use crate::recording::record::Recorder;
-use crate::run::capture::{Counters, capture, open_source};
+use crate::run::capture::{Counters, Orders, capture, open_source};
+use crate::run::heartbeat::Heartbeat;
+use crate::run::pace::Pace;
 use crate::run::process::{ProcessStage, Sink};
 use crate::run::record::{Recording, record};
 use crate::setup::Setup;
-use crate::slot::{Slot, SourceInfo};
+use crate::slot::Slot;
+use crate::source::Source;
 use crate::status::{Status, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
@@ -101,8 +107,12 @@ impl Books {
     }
 }
 
-/// Says what became of a camera's controls when it was started.
-fn tell_controls(info: &SourceInfo) {
+/// Says what a camera gives instead of what was asked for, and what became of its controls when it was started.
+fn tell_camera(source: &Source) {
+    for note in source.notes() {
+        tell(format_args!("overcam: camera: {note}"));
+    }
+    let info = source.info();
     if let (true, Some(controls)) = (info.live, &info.controls) {
         tell(format_args!("overcam: camera: {controls}"));
     }
@@ -144,29 +154,20 @@ pub fn run(
         .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
         .transpose()?;
     setup.announce(args, &info);
-    tell_controls(&info);
+    tell_camera(&source);
 
     let (to_process, frames) = sync_channel(SLOTS);
     let (to_capture, free) = sync_channel(SLOTS);
     (0..SLOTS).for_each(|_| drop(to_capture.try_send(Slot::empty())));
     let counters = Arc::new(Counters::default());
     let capture = spawn("capture", {
-        let (counters, stop, limit) = (
-            Arc::clone(&counters),
-            Arc::clone(stop),
-            args.frames.unwrap_or(u64::MAX),
-        );
-        move || {
-            capture(
-                source,
-                info.live,
-                limit,
-                &free,
-                &to_process,
-                &stop,
-                &counters,
-            )
-        }
+        let (counters, stop) = (Arc::clone(&counters), Arc::clone(stop));
+        let orders = Orders {
+            live: info.live,
+            limit: args.frames.unwrap_or(u64::MAX),
+            waits: !args.no_wait,
+        };
+        move || capture(source, orders, &free, &to_process, &stop, &counters)
     })?;
     let (sink, recording) = match recorder {
         None => (Sink::Free(to_capture), None),
@@ -184,6 +185,7 @@ pub fn run(
             )
         }
     };
+    let frame = setup.frame();
     let mut stage = ProcessStage {
         live: info.live,
         json: args.json,
@@ -198,6 +200,9 @@ pub fn run(
         n_scenes: 0,
         books: Books::default(),
         light: scene::LIGHT_STEADY,
+        heartbeat: Heartbeat::new(info.rate_hz, frame),
+        pace: Pace::new(info.size, Instant::now()),
+        counters: Arc::clone(&counters),
         capture_ended: false,
     };
     let processed = stage.run(&frames, stop);

@@ -105,6 +105,14 @@ impl Setup {
         })
     }
 
+    /// In which frame scenes are ([`scene::Scene::frame`]).
+    pub(crate) fn frame(&self) -> u32 {
+        match self.provenance.floor_from_image {
+            Some(_) => scene::FRAME_FLOOR,
+            None => scene::FRAME_IMAGE,
+        }
+    }
+
     /// Decides whose background a slot brings to the pipeline.
     pub(crate) fn choose_background(&mut self, slot: &mut Slot) {
         self.background = match std::mem::replace(&mut self.background, Background::InUse) {

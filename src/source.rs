@@ -32,7 +32,7 @@ pub enum Source {
     /// The synthetic floor.
     Demo(Box<Demo>),
     /// A V4L2 camera.
-    Camera(Camera),
+    Camera(Box<Camera>),
     /// A Y4M file.
     Y4mFile(Y4m<BufReader<File>>),
     /// Y4M on standard input.
@@ -76,6 +76,14 @@ pub enum SourceError {
     Replay(#[from] ReplayError),
 }
 
+impl SourceError {
+    /// Whether there is no camera where it was looked for.
+    #[must_use]
+    pub fn is_missing_camera(&self) -> bool {
+        matches!(self, Self::Camera(CameraError::Missing { .. }))
+    }
+}
+
 impl Source {
     /// Opens what `--device` names: `demo`, `-`, a camera's node, a file or a folder. The wish is for cameras; its rate counts for
     /// folders of pictures and its size for the demo too.
@@ -106,7 +114,7 @@ impl Source {
         match (path.metadata(), extension.as_deref()) {
             // A camera's own message says more than "missing": which cameras there are.
             (_, None) if path.starts_with("/dev") && !path.is_dir() => {
-                Ok(Self::Camera(Camera::open(path, wish)?))
+                Ok(Self::Camera(Box::new(Camera::open(path, wish)?)))
             }
             (Err(_), _) => Err(SourceError::Missing(path.to_owned())),
             (Ok(data), _) if data.is_dir() => {
@@ -154,6 +162,27 @@ impl Source {
         match self {
             Self::Camera(camera) => Some(camera.counters()),
             _ => None,
+        }
+    }
+
+    /// What a person should know of what a camera gives instead of what was asked for, a line each.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Self::Camera(camera) => camera.notes(),
+            _ => &[],
+        }
+    }
+
+    /// Tries once to open a camera again that was lost, as it was before. Nothing else is ever lost.
+    ///
+    /// # Errors
+    ///
+    /// [`SourceError::Camera`] while that cannot be done.
+    pub fn resume(&mut self) -> Result<(), SourceError> {
+        match self {
+            Self::Camera(camera) => Ok(camera.resume()?),
+            _ => Ok(()),
         }
     }
 

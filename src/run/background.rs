@@ -14,8 +14,8 @@ use crate::cli::{BackgroundArgs, SourceArgs};
 use crate::floor::Floor;
 use crate::floor::learner::Learner;
 use crate::frame::{Picture, decode};
-use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
-use crate::run::{POLL, SLOTS, spawn, tell_controls};
+use crate::run::capture::{Counters, Orders, capture, joined_unless_blocked, open_source};
+use crate::run::{POLL, SLOTS, spawn, tell_camera};
 use crate::slot::{Slot, SourceInfo};
 use crate::status::tell;
 
@@ -83,7 +83,7 @@ pub(crate) fn learn_view<T>(
         return Ok(None);
     }
     let info = source.info();
-    tell_controls(&info);
+    tell_camera(&source);
     tell(format_args!(
         "overcam: learning {what} from {count} frames of {}",
         info.name
@@ -96,8 +96,12 @@ pub(crate) fn learn_view<T>(
         let (stop, live) = (Arc::clone(stop), info.live);
         move || {
             let counters = Counters::default();
-            let limit = u64::MAX;
-            capture(source, live, limit, &free, &to_process, &stop, &counters)
+            let orders = Orders {
+                live,
+                limit: u64::MAX,
+                waits: false,
+            };
+            capture(source, orders, &free, &to_process, &stop, &counters)
         }
     })?;
     let mut learner = Learner::new(info.size, count);

@@ -6,8 +6,10 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use crate::cli::SourceArgs;
+use crate::run::outage::Outage;
 use crate::run::{POLL, joined, spawn};
 use crate::slot::{Next, Slot};
+use crate::source::camera::CameraError;
 use crate::source::{Source, SourceError};
 
 /// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
@@ -34,13 +36,25 @@ pub(super) struct Counters {
     pub(super) dropped: AtomicU64,
     pub(super) lost_by_driver: AtomicU64,
     pub(super) faulty: AtomicU64,
+    /// The camera is lost, and waited for.
+    pub(super) is_waiting: AtomicBool,
+}
+
+/// How much the capture thread takes from the source, and in which manner.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Orders {
+    /// Frames come whether or not somebody takes them.
+    pub(super) live: bool,
+    /// Frames at most.
+    pub(super) limit: u64,
+    /// A camera that is lost is waited for.
+    pub(super) waits: bool,
 }
 
 /// The capture thread: takes frames from the source into free slots.
 pub(super) fn capture(
     mut source: Source,
-    live: bool,
-    limit: u64,
+    orders: Orders,
     free: &Receiver<Slot>,
     to_process: &SyncSender<Slot>,
     stop: &AtomicBool,
@@ -49,7 +63,8 @@ pub(super) fn capture(
     // One slot is always at hand: a camera's frame is taken even when there is no room for it, lest the driver stalls.
     let mut slot = Slot::empty();
     let mut taken = 0;
-    while taken < limit && !stop.load(Ordering::Relaxed) {
+    let mut outage = Outage::default();
+    while taken < orders.limit && !stop.load(Ordering::Relaxed) {
         let next = source.next(&mut slot);
         if let Some(camera) = source.camera_counters() {
             counters
@@ -57,12 +72,23 @@ pub(super) fn capture(
                 .store(camera.lost_by_driver, Ordering::Release);
             counters.faulty.store(camera.faulty, Ordering::Release);
         }
-        match next? {
+        let next = match next {
+            Err(SourceError::Camera(CameraError::Lost { loss })) if orders.waits => {
+                outage.begin(&loss, counters);
+                if outage.wait(&mut source, stop) {
+                    continue;
+                }
+                break;
+            }
+            next => next?,
+        };
+        match next {
             Next::Frame => taken += 1,
             Next::Nothing => continue,
             Next::End => break,
         }
-        let room = if live {
+        outage.end(slot.frame.sequence, &source, counters);
+        let room = if orders.live {
             free.try_recv()
         } else {
             free.recv().map_err(|_| TryRecvError::Disconnected)

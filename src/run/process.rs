@@ -1,7 +1,8 @@
 //! The process thread, which is the main one: frames through the pipeline, scenes to planners and to standard output.
 
-use std::io::{self, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::io::Write;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError};
 use std::time::{Duration, Instant};
 
@@ -10,10 +11,13 @@ use anyhow::Context;
 use crate::json;
 use crate::pipeline::Outcome;
 use crate::publish::{Publisher, monotonic_ns};
+use crate::run::capture::Counters;
+use crate::run::heartbeat::Heartbeat;
+use crate::run::pace::{Pace, Totals};
 use crate::run::{Books, POLL};
 use crate::setup::Setup;
 use crate::slot::Slot;
-use crate::status::Status;
+use crate::status::{Status, is_broken_pipe};
 
 /// What the process thread works with.
 pub(super) struct ProcessStage<'a, W> {
@@ -33,6 +37,11 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) books: Books,
     /// Of the scene before.
     pub(super) light: u32,
+    /// What is published while a camera delivers nothing.
+    pub(super) heartbeat: Heartbeat,
+    /// Whether a camera's frames are followed.
+    pub(super) pace: Pace,
+    pub(super) counters: Arc<Counters>,
     /// Every frame that capture will ever send has been received. Otherwise capture waits for a pipe that stays silent.
     pub(super) capture_ended: bool,
 }
@@ -63,7 +72,12 @@ impl<W: Write> ProcessStage<'_, W> {
                     continue;
                 }
                 Err(RecvTimeoutError::Timeout) => {
-                    self.while_waiting();
+                    if result.is_ok() {
+                        result = self.while_waiting();
+                    }
+                    if result.is_err() {
+                        stop.store(true, Ordering::Relaxed);
+                    }
                     continue;
                 }
             };
@@ -109,6 +123,8 @@ impl<W: Write> ProcessStage<'_, W> {
             return Ok(());
         }
         let started = Instant::now();
+        self.heartbeat
+            .frame(slot.frame.sequence, slot.frame.stamp_ns, started);
         self.setup.choose_background(&mut slot);
         let outcome = match self.setup.pipeline.process(&mut slot) {
             Ok(outcome) => outcome,
@@ -133,6 +149,7 @@ impl<W: Write> ProcessStage<'_, W> {
         if outcome == Outcome::Scene {
             self.n_scenes += 1;
             self.tell_light(&slot.scene);
+            self.heartbeat.light(&slot.scene);
             result = self.deliver(&mut slot);
             let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
             let latency = if self.live {
@@ -143,7 +160,26 @@ impl<W: Write> ProcessStage<'_, W> {
             self.status.frame(&slot.scene, latency);
         }
         self.sink.take(slot, &mut self.books);
+        self.tell_pace(started);
         result
+    }
+
+    /// Says when a camera is faster than this, while it is.
+    fn tell_pace(&mut self, started: Instant) {
+        let now = Instant::now();
+        self.pace.processed(now - started);
+        let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let totals = Totals {
+            captured: count(&self.counters.captured),
+            passed_over: self.books.skipped + count(&self.counters.dropped),
+            lost_by_driver: count(&self.counters.lost_by_driver),
+            processed: self.books.processed,
+        };
+        if self.live
+            && let Some(message) = self.pace.look(totals, now)
+        {
+            self.status.say(&message);
+        }
     }
 
     /// Says when the light changes, goes out or comes back.
@@ -194,14 +230,18 @@ impl<W: Write> ProcessStage<'_, W> {
         } else {
             scene::CLOCK_SOURCE
         };
+        self.publish(&slot.scene)
+    }
+
+    fn publish(&mut self, scene: &scene::Scene) -> anyhow::Result<()> {
         if let Some(publisher) = &mut self.publisher
-            && let Err(error) = publisher.send(&slot.scene)
+            && let Err(error) = publisher.send(scene)
         {
             self.status.say(&error.to_string());
         }
         if self.json {
             self.line.clear();
-            json::write_line(&slot.scene, &mut self.line)?;
+            json::write_line(scene, &mut self.line)?;
             self.out
                 .write_all(&self.line)
                 .and_then(|()| self.out.flush())
@@ -220,20 +260,21 @@ impl<W: Write> ProcessStage<'_, W> {
     }
 
     /// What is to be done when no frame comes.
-    fn while_waiting(&mut self) {
+    fn while_waiting(&mut self) -> anyhow::Result<()> {
         if let Some(publisher) = &self.publisher
             && let Err(error) = publisher.serve_late_joiners()
         {
             self.status.say(&error.to_string());
         }
+        let is_lost = self.counters.is_waiting.load(Ordering::Acquire);
+        if self.live
+            && let Some(scene) = self.heartbeat.due(is_lost, Instant::now(), monotonic_ns())
+        {
+            let scene = *scene;
+            self.publish(&scene)?;
+        }
+        Ok(())
     }
-}
-
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    let io = error
-        .chain()
-        .find_map(|cause| cause.downcast_ref::<io::Error>());
-    io.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }
 
 /// Where slots go after processing.
@@ -308,11 +349,14 @@ mod tests {
             status: Status::new(live),
             relearn: &relearn,
             relearning: false,
-            out: &mut io::sink(),
+            out: &mut std::io::sink(),
             line: Vec::new(),
             n_scenes: 0,
             books: Books::default(),
             light: scene::LIGHT_STEADY,
+            heartbeat: Heartbeat::new(None, scene::FRAME_IMAGE),
+            pace: Pace::new(source.info().size, Instant::now()),
+            counters: Arc::default(),
             capture_ended: false,
         };
         let (to_process, frames) = sync_channel(SLOTS);

@@ -1,8 +1,7 @@
 //! A V4L2 camera as a source: whether it really gave what it was asked for, and which of its buffers are frames.
 //!
-//! What it is asked for when the user leaves that open: of the sizes, 640x480 or the nearest; 30 frames/s, and the first of
-//! YUYV, UYVY, NV12, YU12, RGB3, MJPG that reaches them. A wish must be met exactly, except for the rate, of which
-//! [`Camera::info`] says what the camera has chosen.
+//! What it is asked for when the user leaves that open: `negotiation` has the rule. A wish must be met exactly, except for the rate, of which
+//! [`Camera::info`] says what the camera has chosen. Interlaced frames are refused: what moves is torn in them.
 //!
 //! A buffer that is flagged as damaged, too short or no whole JPEG picture is skipped and counted. Frames that the driver had
 //! no buffer for are found by gaps in its count. Padding at the end of rows is removed. A frame's moment is the kernel's stamp,
@@ -10,44 +9,45 @@
 //!
 //! Exposure, gain, white balance and focus are locked at the start: [`controls`](crate::source::controls) says how and why.
 //!
+//! A camera that was unplugged, or whose driver stalled, is the same one when it is back ([`Camera::resume`]): same size, format, rate and
+//! controls, numbers of frames that go on.
+//!
 //! # Deliberately absent
 //!
-//! Multi-planar capture, which only
-//! camera interfaces of embedded boards have. Reconnection: a camera that was unplugged may have been moved, and the picture of
-//! the empty floor would be wrong.
+//! Multi-planar capture, which only camera interfaces of embedded boards have.
 
+mod error;
+mod identity;
 mod locking;
 mod numbers;
 mod rows;
+mod session;
 
-use std::io;
-use std::ops::Range;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use imgproc::Size;
 
-use crate::frame::{Frame, MAX_SIDE, PixelFormat};
-use crate::jpeg;
+use crate::frame::{Frame, PixelFormat};
 use crate::slot::{Next, SourceInfo};
+use crate::source::camera::error::call_error;
+pub use crate::source::camera::error::{CameraError, Loss};
+use crate::source::camera::identity::Identity;
 use crate::source::camera::numbers::Numbers;
-use crate::source::camera::rows::rows;
-use crate::source::controls::{ControlError, ControlWish, Controls, Written};
-use crate::source::negotiation::{DEFAULT_RATE_HZ, interval, negotiate, text};
-use crate::source::v4l2::{self, Device, FailedCall, Filled, Fraction, Ready, Stream};
+use crate::source::camera::session::{Session, Terms};
+use crate::source::controls::{ControlWish, Controls, Written};
+use crate::source::negotiation::{DEFAULT_RATE_HZ, negotiate, notes};
+use crate::source::v4l2::{self, Device, Ready};
 
-/// Buffers asked for. With four, one can be copied and one filled while two wait for a thread that was not scheduled in time.
-const N_BUFFERS: u32 = 4;
+pub(crate) use crate::source::camera::error::open_error;
+pub(crate) use crate::source::camera::identity::stable_names;
+
 /// How long one call of [`Camera::next`] waits for a frame.
 const WAIT: Duration = Duration::from_millis(100);
 /// A camera that delivers nothing for so long has stalled. The slowest start seen is about two seconds.
 const STALL: Duration = Duration::from_secs(5);
-
-/// `V4L2_COLORSPACE_JPEG`, and `V4L2_QUANTIZATION_` as it is stated.
-const COLORSPACE_JPEG: u32 = 7;
-const QUANTIZATION_DEFAULT: u32 = 0;
-const QUANTIZATION_FULL_RANGE: u32 = 1;
 
 /// What the user wants of a camera. `None` leaves the choice to [`Camera::open`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -89,142 +89,21 @@ pub struct Counters {
     pub faulty: u64,
 }
 
-/// Why a camera cannot be used, or can no longer.
-#[derive(Debug, thiserror::Error)]
-pub enum CameraError {
-    /// There is no such file.
-    #[error("{path}: no such camera: `overcam devices` lists those that are there")]
-    Missing {
-        /// The node.
-        path: String,
-    },
-    /// The file is not a device.
-    #[error("{path}: not a camera but a file or folder: `overcam devices` lists the cameras")]
-    NotADevice {
-        /// The node.
-        path: String,
-    },
-    /// The user may not open the node.
-    #[error(
-        "{path}: no permission: join the group that owns it \
-         (`sudo usermod -aG video $USER`, then log in again)"
-    )]
-    Permission {
-        /// The node.
-        path: String,
-    },
-    /// Another program captures from the camera.
-    #[error("{path}: in use by another program: end that one (`fuser {path}` names it)")]
-    Busy {
-        /// The node.
-        path: String,
-    },
-    /// The node does not capture video, or not in a way that is read here.
-    #[error("{path}: not a camera: it {what}: `overcam devices` lists the cameras")]
-    NotACamera {
-        /// The node and its card.
-        path: String,
-        /// What it does instead.
-        what: &'static str,
-    },
-    /// The camera does not offer a format that is read here or the one that was wished.
-    #[error("{path}: does not offer {wished}: it offers {offered}")]
-    Format {
-        /// The node and its card.
-        path: String,
-        /// What was looked for.
-        wished: String,
-        /// All the camera's formats.
-        offered: String,
-    },
-    /// The camera does not offer the wished size.
-    #[error("{path}: does not offer {}x{} pixels: it offers {offered}", size.width, size.height)]
-    Size {
-        /// The node and its card.
-        path: String,
-        /// What was wished.
-        size: Size,
-        /// The camera's sizes, or the one it would give.
-        offered: String,
-    },
-    /// The driver states a layout of frames that cannot be.
-    #[error(
-        "{path}: its driver states {bytes_per_line} bytes a row and {size_image} a frame for \
-         {}x{} pixels in {format:?}: try another format or size",
-        size.width, size.height
-    )]
-    Layout {
-        /// The node and its card.
-        path: String,
-        /// Format of the frames.
-        format: PixelFormat,
-        /// Size of the frames.
-        size: Size,
-        /// From one row to the next.
-        bytes_per_line: usize,
-        /// Of a buffer.
-        size_image: usize,
-    },
-    /// A value that was given by hand cannot be had.
-    #[error("{path}: {reason}")]
-    Control {
-        /// The node and its card.
-        path: String,
-        /// Which value, and why.
-        reason: ControlError,
-    },
-    /// Another request failed.
-    #[error("{path}: {call} failed: {source}: unplug the camera and plug it in again")]
-    Call {
-        /// The node and its card.
-        path: String,
-        /// Name of the request.
-        call: &'static str,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// The camera was unplugged or its driver gave up.
-    #[error(
-        "{path}: the camera is gone after {n_frames} frames ({source}): check its cable, then start again"
-    )]
-    Gone {
-        /// The node and its card.
-        path: String,
-        /// Frames delivered before.
-        n_frames: u64,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// No usable frame has come for a while.
-    #[error(
-        "{path}: no frame for {seconds} s, after {n_frames} frames and {faulty} damaged ones: \
-         is something sending to it, and is its cable good?"
-    )]
-    Stalled {
-        /// The node and its card.
-        path: String,
-        /// How long.
-        seconds: u64,
-        /// Frames delivered before.
-        n_frames: u64,
-        /// Damaged ones before and since.
-        faulty: u64,
-    },
-}
-
 /// A camera and what was agreed on with it. It captures once it is started. Dropping it stops it and puts its controls back; a
 /// camera that is gone is not waited for.
 #[derive(Debug)]
 pub struct Camera {
-    stream: Stream,
-    path: PathBuf,
+    identity: Identity,
+    /// None while it is lost.
+    session: Option<Session>,
+    terms: Terms,
     info: SourceInfo,
+    notes: Vec<String>,
     control_wish: ControlWish,
+    /// As they stood when they were locked.
+    locked: Controls,
     /// Controls that are to be put back.
     written: Written,
-    full_range: bool,
-    /// Bytes of the pixels within a buffer, row by row; none for JPEG.
-    rows: Vec<Range<usize>>,
     numbers: Numbers,
     n_frames: u64,
     faulty: u64,
@@ -239,76 +118,40 @@ impl Camera {
     ///
     /// [`CameraError`] when the node is no camera, cannot be used now or does not offer what is wished.
     pub fn open(path: &Path, wish: &Wish) -> Result<Self, CameraError> {
-        let device = open_device(path)?;
-        let (device, name) = check_capture(device, path)?;
+        let device = Device::open(path).map_err(|source| open_error(path, source))?;
+        let card = check_capture(&device, path)?;
+        let name = format!("{} ({})", path.display(), card.name);
         // Asked again when the camera runs; what cannot be had is refused before anything else happens.
         if let Err(reason) = Controls::read(&device).by_hand(&wish.controls) {
             return Err(CameraError::Control { path: name, reason });
         }
-        let choice = negotiate(&device, &name, wish)?;
-        let call_failed = |failed| call_error(&name, path, failed);
-        let given = device
-            .set_format(choice.fourcc, choice.size)
-            .map_err(|source| {
-                call_failed(FailedCall {
-                    call: "VIDIOC_S_FMT",
-                    source,
-                })
-            })?;
-        let size = Size {
-            width: given.width as usize,
-            height: given.height as usize,
+        let (choice, offers) = negotiate(&device, &name, wish)?;
+        let mut terms = Terms {
+            choice,
+            is_size_fixed: wish.size.is_some(),
+            rate_hz: wish.rate_hz.unwrap_or(DEFAULT_RATE_HZ),
         };
-        if given.pixel_format != choice.fourcc {
-            return Err(CameraError::Format {
-                path: name,
-                wished: text(choice.fourcc),
-                offered: format!("{} at this size", text(given.pixel_format)),
-            });
-        }
-        let is_possible =
-            (1..=MAX_SIDE).contains(&size.width) && (1..=MAX_SIDE).contains(&size.height);
-        if wish.size.is_some_and(|wished| wished != size) || !is_possible {
-            return Err(CameraError::Size {
-                path: name,
-                size: choice.size,
-                offered: format!("{}x{}", size.width, size.height),
-            });
-        }
-        let (bytes_per_line, size_image) =
-            (given.bytes_per_line as usize, given.size_image as usize);
-        let rows = rows(choice.format, size, bytes_per_line)
-            .filter(|rows| rows.last().is_none_or(|last| last.end <= size_image))
-            .ok_or_else(|| CameraError::Layout {
-                path: name.clone(),
-                format: choice.format,
-                size,
-                bytes_per_line,
-                size_image,
-            })?;
-        let rate_hz = wish.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-        let rate_hz = device
-            .set_interval(interval(rate_hz))
-            .map(Fraction::rate_hz);
-        let stream = Stream::new(device, N_BUFFERS).map_err(call_failed)?;
+        let session = Session::new(device, &name, path, &terms)?;
+        let info = SourceInfo {
+            name,
+            size: session.size,
+            format: session.format,
+            rate_hz: session.rate_hz,
+            live: true,
+            controls: None,
+        };
+        let notes = notes(&offers, wish, session.size, session.rate_hz);
+        terms.choice.size = session.size;
+        terms.is_size_fixed = true;
         Ok(Self {
-            stream,
-            path: path.to_owned(),
-            info: SourceInfo {
-                name,
-                size,
-                format: choice.format,
-                rate_hz,
-                live: true,
-                controls: None,
-            },
+            identity: Identity::new(path, &card),
+            session: Some(session),
+            terms,
+            info,
+            notes,
             control_wish: wish.controls,
+            locked: Controls::default(),
             written: Written::default(),
-            full_range: match given.quantization {
-                QUANTIZATION_DEFAULT => given.colorspace == COLORSPACE_JPEG,
-                stated => stated == QUANTIZATION_FULL_RANGE,
-            },
-            rows,
             numbers: Numbers::default(),
             n_frames: 0,
             faulty: 0,
@@ -325,11 +168,41 @@ impl Camera {
     /// [`CameraError::Busy`] or [`CameraError::Call`] when the camera cannot start, [`CameraError::Control`] when it refuses a
     /// value that was given by hand, and those of [`Camera::next`].
     pub fn start(&mut self, stop: &AtomicBool) -> Result<(), CameraError> {
-        self.last_frame_ns = v4l2::monotonic_ns();
-        self.stream
-            .start()
-            .map_err(|failed| call_error(&self.info.name, &self.path, failed))?;
+        self.start_stream()?;
         self.lock(stop)
+    }
+
+    fn start_stream(&mut self) -> Result<(), CameraError> {
+        self.last_frame_ns = v4l2::monotonic_ns();
+        match &mut self.session {
+            Some(session) => session
+                .stream
+                .start()
+                .map_err(|failed| call_error(&self.info.name, &self.identity.given, failed)),
+            None => Err(self.lost("it was not opened again".to_owned())),
+        }
+    }
+
+    /// Tries once to open a lost camera again, wherever it is now, as it was: same format, size, rate and controls. Frames come from the
+    /// next call of [`Camera::next`] on; their numbers go on.
+    ///
+    /// # Errors
+    ///
+    /// [`CameraError::Missing`] while it is not there, and whatever else keeps it from being used as before. The next try may
+    /// succeed.
+    pub fn resume(&mut self) -> Result<(), CameraError> {
+        // Closed before it is opened: a driver gives a camera to one at a time.
+        self.session = None;
+        let (device, path) = self.identity.find()?;
+        let session = Session::new(device, &self.info.name, &path, &self.terms)?;
+        self.session = Some(session);
+        self.lock_again();
+        self.numbers.restart();
+        let started = self.start_stream();
+        if started.is_err() {
+            self.session = None;
+        }
+        started
     }
 
     /// What was agreed on. The rate is the one that the camera states, whatever was wished. What became of the controls is
@@ -337,6 +210,12 @@ impl Camera {
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         self.info.clone()
+    }
+
+    /// What a person should know of what the camera gives instead of what was asked for, a line each.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// What did not become a frame so far.
@@ -352,81 +231,86 @@ impl Camera {
     ///
     /// # Errors
     ///
-    /// [`CameraError::Gone`] when the camera was unplugged, [`CameraError::Stalled`] when it has delivered nothing usable for
-    /// five seconds, [`CameraError::Call`] when its driver fails otherwise. The camera delivers nothing afterwards.
+    /// [`CameraError::Lost`] when the camera was unplugged, its driver fails, or nothing usable has come for five seconds. It delivers
+    /// nothing afterwards, unless [`Camera::resume`] succeeds.
     pub fn next(&mut self, frame: &mut Frame) -> Result<Next, CameraError> {
-        let ready = self.stream.wait(WAIT).map_err(|error| self.gone(error))?;
-        if ready == Ready::No {
-            return self.nothing();
-        }
-        let filled = match self.stream.take() {
-            Ok(Some(filled)) => filled,
-            Ok(None) if ready == Ready::Failed => {
-                return Err(self.gone(io::Error::other("it hung up")));
+        match self.try_next(frame) {
+            Ok(true) => Ok(Next::Frame),
+            Ok(false) => self.nothing(),
+            Err(reason) => {
+                self.session = None;
+                Err(self.lost(reason))
             }
-            Ok(None) => return self.nothing(),
-            Err(error) => return Err(self.gone(error)),
+        }
+    }
+
+    /// Whether a frame came; an error is why no more will come.
+    fn try_next(&mut self, frame: &mut Frame) -> Result<bool, String> {
+        let Some(session) = &mut self.session else {
+            return Err("it was not opened again".to_owned());
+        };
+        let ready = session.stream.wait(WAIT).map_err(|e| e.to_string())?;
+        if ready == Ready::No {
+            return Ok(false);
+        }
+        let filled = match session.stream.take() {
+            Ok(Some(filled)) => filled,
+            Ok(None) if ready == Ready::Failed => return Err("it hung up".to_owned()),
+            Ok(None) => return Ok(false),
+            Err(error) => return Err(error.to_string()),
         };
         let now_ns = v4l2::monotonic_ns();
         frame.sequence = self.numbers.next(filled.sequence);
         frame.stamp_ns = filled.stamp_ns.unwrap_or(now_ns);
-        let is_whole = !filled.is_faulty && self.copy(&filled, &mut frame.bytes);
-        self.stream
+        let is_whole = !filled.is_faulty && session.copy(&filled, &mut frame.bytes);
+        session
+            .stream
             .give_back(filled)
-            .map_err(|failed| self.gone(failed.source))?;
+            .map_err(|failed| failed.source.to_string())?;
         if !is_whole {
             self.faulty += 1;
-            return self.nothing();
+            return Ok(false);
         }
-        frame.format = self.info.format;
-        frame.full_range = self.full_range;
-        frame.size = self.info.size;
+        frame.format = session.format;
+        frame.full_range = session.full_range;
+        frame.size = session.size;
         self.n_frames += 1;
         self.last_frame_ns = now_ns;
-        Ok(Next::Frame)
+        Ok(true)
     }
 
-    /// Copies the pixels of a buffer; `false` if they are not all there.
-    fn copy(&self, filled: &Filled, bytes: &mut Vec<u8>) -> bool {
-        bytes.clear();
-        let Some(last) = self.rows.last() else {
-            self.stream.append_to(filled, 0..filled.bytes_used, bytes);
-            return jpeg::size(bytes) == Ok(self.info.size);
-        };
-        if filled.bytes_used < last.end {
-            return false;
-        }
-        for row in &self.rows {
-            self.stream.append_to(filled, row.clone(), bytes);
-        }
-        true
-    }
-
-    fn nothing(&self) -> Result<Next, CameraError> {
+    fn nothing(&mut self) -> Result<Next, CameraError> {
         let silent_ns = v4l2::monotonic_ns().saturating_sub(self.last_frame_ns);
         if silent_ns < STALL.as_nanos() as u64 {
             return Ok(Next::Nothing);
         }
-        Err(CameraError::Stalled {
-            path: self.info.name.clone(),
-            seconds: STALL.as_secs(),
-            n_frames: self.n_frames,
-            faulty: self.faulty,
+        self.session = None;
+        Err(CameraError::Lost {
+            loss: Loss::Stalled {
+                path: self.info.name.clone(),
+                seconds: STALL.as_secs(),
+                n_frames: self.n_frames,
+                faulty: self.faulty,
+            },
         })
     }
 
-    fn gone(&self, source: io::Error) -> CameraError {
-        CameraError::Gone {
-            path: self.info.name.clone(),
-            n_frames: self.n_frames,
-            source,
+    fn lost(&self, reason: String) -> CameraError {
+        CameraError::Lost {
+            loss: Loss::Gone {
+                path: self.info.name.clone(),
+                n_frames: self.n_frames,
+                reason,
+            },
         }
     }
 }
 
 impl Drop for Camera {
     fn drop(&mut self) {
-        self.written.undo(self.stream.device());
+        if let Some(session) = &self.session {
+            self.written.undo(session.stream.device());
+        }
     }
 }
 
@@ -445,51 +329,32 @@ pub(crate) fn not_capturing(capabilities: u32) -> Option<&'static str> {
     })
 }
 
-pub(crate) fn open_device(path: &Path) -> Result<Device, CameraError> {
-    Device::open(path).map_err(|source| {
-        let path = path.display().to_string();
-        match source.kind() {
-            io::ErrorKind::NotFound => CameraError::Missing { path },
-            io::ErrorKind::InvalidInput => CameraError::NotADevice { path },
-            io::ErrorKind::PermissionDenied => CameraError::Permission { path },
-            io::ErrorKind::ResourceBusy => CameraError::Busy { path },
-            _ => CameraError::Call {
-                path,
-                call: "open",
-                source,
-            },
-        }
-    })
-}
-
-/// The device and its name, if it captures video.
-fn check_capture(device: Device, path: &Path) -> Result<(Device, String), CameraError> {
+/// Who the device belongs to, if it captures video.
+fn check_capture(device: &Device, path: &Path) -> Result<v4l2::Card, CameraError> {
     let path = path.display();
     let (name, what) = match device.card() {
-        Ok(card) => {
-            let name = format!("{path} ({})", card.name);
-            (name, not_capturing(card.capabilities))
-        }
+        Ok(card) => match not_capturing(card.capabilities) {
+            None => return Ok(card),
+            Some(what) => (format!("{path} ({})", card.name), what),
+        },
         // The kernel's answer of anything that has nothing to do with video.
-        Err(_) => (path.to_string(), Some("is no video device")),
+        Err(_) => (path.to_string(), "is no video device"),
     };
-    match what {
-        None => Ok((device, name)),
-        Some(what) => Err(CameraError::NotACamera { path: name, what }),
-    }
+    Err(CameraError::NotACamera { path: name, what })
 }
 
-fn call_error(name: &str, path: &Path, failed: FailedCall) -> CameraError {
-    match failed.source.kind() {
-        io::ErrorKind::ResourceBusy => CameraError::Busy {
-            path: path.display().to_string(),
-        },
-        _ => CameraError::Call {
-            path: name.to_owned(),
-            call: failed.call,
-            source: failed.source,
-        },
-    }
+/// The nodes `video0`, `video1` and so on of a folder, in the order of their numbers.
+pub(crate) fn nodes(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut nodes: Vec<(u32, PathBuf)> = entries
+        .filter_map(|entry| {
+            let name = entry.file_name();
+            let number = name.to_str()?.strip_prefix("video")?.parse().ok()?;
+            Some((number, entry.path()))
+        })
+        .collect();
+    nodes.sort();
+    nodes.into_iter().map(|(_, path)| path).collect()
 }
 
 #[cfg(test)]

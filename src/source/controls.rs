@@ -15,8 +15,11 @@
 //!    `BRIGHTNESS_RATIO_MAX`, the value that was read was not the true one: exposure and gain are left to the automatics again.
 //!
 //! A control that the camera does not have or refuses to change does not stop the run, unless its value was given by hand. When the
-//! camera is closed, everything that was written is put back, for the next program expects a camera that adapts itself. A killed
-//! program leaves the camera locked; the next run then finds its settings fixed and leaves them so.
+//! camera is closed, everything that was written is put back, for the next program expects a camera that adapts itself; after a killed
+//! program the next run does that first (`written`).
+//!
+//! A camera that was unplugged comes back with what it has after power-on. It gets the values at which it was locked, without another
+//! second of waiting.
 //!
 //! # Deliberately absent
 //!
@@ -26,9 +29,14 @@
 //! Source: Linux Media Subsystem Documentation, "User Controls" and "Camera Control Reference"; numbers from
 //! `linux/v4l2-controls.h`.
 
+mod written;
+
 use std::io;
 
+use serde::{Deserialize, Serialize};
+
 use crate::source::v4l2::{ControlRange, Device};
+pub(crate) use written::{Written, state_folder};
 
 const USER: u32 = 0x0098_0900;
 const CAMERA: u32 = 0x009a_0900;
@@ -213,7 +221,7 @@ struct Control {
 pub(crate) struct Controls(Vec<Control>);
 
 /// A value to be written, or put back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Change {
     pub(crate) id: u32,
     pub(crate) value: i32,
@@ -364,6 +372,28 @@ impl Controls {
             .collect()
     }
 
+    /// What makes a camera that stands at `now` stand as it does here, except for what is automatic here: the automatics that are to be
+    /// switched off, and once they are off, the values.
+    pub(crate) fn to_set_again(&self, now: &Self) -> Vec<Change> {
+        let is_fixed = |setting: &&Setting| self.has(setting) && !self.is_automatic(setting);
+        let fixed = || SETTINGS.iter().filter(is_fixed);
+        let automatics: Vec<Change> = fixed()
+            .filter(|setting| now.is_automatic(setting))
+            .map(Setting::switch_off)
+            .collect();
+        if !automatics.is_empty() {
+            return automatics;
+        }
+        let values = fixed().flat_map(|setting| setting.values);
+        values
+            .filter_map(|&Value { id, .. }| {
+                let (then, now) = (self.get(id)?, now.get(id)?);
+                let value = then.value.filter(|_| now.range.is_writable)?;
+                (now.value != Some(value)).then_some(Change { id, value })
+            })
+            .collect()
+    }
+
     /// What a person should know, in one line: which settings are locked at which values, and which are not and why.
     pub(crate) fn report(&self, wish: &ControlWish, attempt: &Attempt) -> String {
         let [mut locked, mut given, mut fixed, mut automatic, mut missing] = [const { vec![] }; 5];
@@ -503,52 +533,6 @@ fn brightness_text(ratio: f64) -> String {
     match ratio < 1.0 {
         true => format!("{:.1} times darker", 1.0 / ratio),
         false => format!("{ratio:.1} times brighter"),
-    }
-}
-
-/// What was written to a camera, and what stood there before.
-#[derive(Debug, Default)]
-pub(crate) struct Written(Vec<Change>);
-
-impl Written {
-    /// Writes to the camera, and remembers what was there.
-    pub(crate) fn write(&mut self, device: &Device, change: Change) -> io::Result<()> {
-        let before = device.control_value(change.id);
-        device.set_control(change.id, change.value)?;
-        let is_first = self.0.iter().all(|written| written.id != change.id);
-        if let Ok(value) = before
-            && is_first
-        {
-            let id = change.id;
-            self.0.push(Change { id, value });
-        }
-        Ok(())
-    }
-
-    /// Takes out the automatics that were on and make the picture bright or dark, to be undone before the rest.
-    pub(crate) fn take_brightness(&mut self) -> Self {
-        let is_automatic = |written: &Change| {
-            let mut settings = SETTINGS.iter().filter(|setting| setting.is_brightness);
-            settings.any(|setting| setting.automatic == written.id && setting.off != written.value)
-        };
-        let (taken, kept) = self.0.iter().copied().partition(is_automatic);
-        self.0 = kept;
-        Self(taken)
-    }
-
-    /// Puts back what was there, the last first, so that automatics come after what they decide. A camera that is gone or
-    /// answers no more is not asked again, since each request to it may take seconds.
-    pub(crate) fn undo(&mut self, device: &Device) {
-        for change in self.0.drain(..).rev() {
-            let result = device.set_control(change.id, change.value);
-            let error = result.err().and_then(|error| error.raw_os_error());
-            if matches!(
-                error,
-                Some(libc::ENODEV | libc::EIO | libc::ETIMEDOUT | libc::EPIPE | libc::ENXIO)
-            ) {
-                break;
-            }
-        }
     }
 }
 

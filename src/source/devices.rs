@@ -1,10 +1,9 @@
 //! `overcam devices`: the cameras of this machine, what each offers, and which controls it has that are locked.
 
-use std::fs;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use crate::source::camera::{not_capturing, open_device};
+use crate::source::camera::{nodes, not_capturing, open_error, stable_names};
 use crate::source::controls::Controls;
 use crate::source::negotiation::{readable, text};
 use crate::source::v4l2::{Device, FourCc, Sizes};
@@ -23,7 +22,7 @@ pub fn list(out: &mut impl Write) -> io::Result<()> {
 }
 
 fn list_folder(folder: &Path, out: &mut impl Write) -> io::Result<()> {
-    let nodes = video_nodes(folder);
+    let nodes = nodes(folder);
     let mut n_cameras = 0;
     for path in &nodes {
         n_cameras += usize::from(describe_node(path, out)?);
@@ -39,29 +38,16 @@ fn list_folder(folder: &Path, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-/// `video0`, `video1` and so on, in the order of their numbers.
-fn video_nodes(folder: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut nodes: Vec<(u32, PathBuf)> = entries
-        .filter_map(|entry| {
-            let name = entry.file_name();
-            let number = name.to_str()?.strip_prefix("video")?.parse().ok()?;
-            Some((number, entry.path()))
-        })
-        .collect();
-    nodes.sort();
-    nodes.into_iter().map(|(_, path)| path).collect()
-}
-
 /// Prints one node and returns whether it is a camera.
 fn describe_node(path: &Path, out: &mut impl Write) -> io::Result<bool> {
-    let device = match open_device(path) {
+    let device = match Device::open(path) {
         Ok(device) => device,
         Err(error) => {
-            writeln!(out, "{error}")?;
+            writeln!(out, "{}", open_error(path, error))?;
             return Ok(false);
         }
     };
+    let names = stable_names(path);
     let path = path.display();
     let card = match device.card() {
         Ok(card) => card,
@@ -75,6 +61,9 @@ fn describe_node(path: &Path, out: &mut impl Write) -> io::Result<bool> {
         return Ok(false);
     }
     writeln!(out, "{path}: {} (driver {})", card.name, card.driver)?;
+    for name in names {
+        writeln!(out, "  the same after every start: {}", name.display())?;
+    }
     let (read, others): (Vec<FourCc>, Vec<FourCc>) = device
         .formats()
         .into_iter()
@@ -121,6 +110,7 @@ fn describe_format(device: &Device, fourcc: FourCc, out: &mut impl Write) -> io:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn listed(folder: &Path) -> String {
         let mut out = Vec::new();

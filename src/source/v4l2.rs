@@ -90,6 +90,8 @@ pub(crate) fn monotonic_ns() -> u64 {
 pub(crate) struct Card {
     pub(crate) name: String,
     pub(crate) driver: String,
+    /// Where it is plugged in: `usb-0000:00:14.0-2`.
+    pub(crate) bus: String,
     /// `CAP_` flags of this node.
     pub(crate) capabilities: u32,
 }
@@ -193,6 +195,7 @@ impl Device {
         Ok(Card {
             name: text(&found.card),
             driver: text(&found.driver),
+            bus: text(&found.bus_info),
             capabilities: match found.capabilities & CAP_DEVICE_CAPS {
                 0 => found.capabilities,
                 _ => found.device_caps,

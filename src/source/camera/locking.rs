@@ -1,13 +1,16 @@
 //! The first second of a camera: its automatics find their values and are switched off. What is decided, and why, is in
 //! [`crate::source::controls`].
 
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crate::frame::{Frame, Picture, decode};
 use crate::slot::Next;
 use crate::source::camera::{Camera, CameraError, Numbers};
-use crate::source::controls::{Attempt, ControlError, Controls, brightness_jump, refused};
+use crate::source::controls::{
+    Attempt, Change, ControlError, Controls, brightness_jump, refused, state_folder,
+};
 use crate::source::v4l2;
 
 /// How long the automatics may look at the scene: at least so long, and so many frames.
@@ -19,10 +22,11 @@ impl Camera {
     /// Gives a camera that has just started what was given by hand and locks the rest. Returns early when `stop` is set.
     pub(super) fn lock(&mut self, stop: &AtomicBool) -> Result<(), CameraError> {
         let wish = self.control_wish;
+        let mut notes = self.take_over_state();
         let mut controls = self.read_controls();
         let by_hand = controls.by_hand(&wish).map_err(|r| self.control(r))?;
         for &change in &by_hand {
-            if let Err(error) = self.written.write(self.stream.device(), change) {
+            if let Err(error) = self.write_control(change) {
                 return Err(self.control(refused(change, &wish, error)));
             }
         }
@@ -35,7 +39,7 @@ impl Camera {
         if !switch_off.is_empty() {
             if let Some(change) = controls.to_keep_rate(&switch_off) {
                 // A camera that refuses this only gets a longer exposure.
-                _ = self.written.write(self.stream.device(), change);
+                _ = self.write_control(change);
             }
             let mut frame = Frame::empty();
             let Some(before) = self.brightness_after(SETTLING, stop, &mut frame)? else {
@@ -43,31 +47,83 @@ impl Camera {
             };
             let found = self.read_controls();
             for change in switch_off {
-                let result = self.written.write(self.stream.device(), change);
+                let result = self.write_control(change);
                 attempt.switched.push((change, result));
             }
             for change in self.read_controls().to_put_back(&found, &wish) {
                 // What the camera has now is read and told in any case.
-                _ = self.written.write(self.stream.device(), change);
+                _ = self.write_control(change);
             }
             let Some(after) = self.brightness_after(TAKING_EFFECT, stop, &mut frame)? else {
                 return Ok(());
             };
             attempt.undone_by = brightness_jump(before, after);
             if attempt.undone_by.is_some() {
-                let mut brightness = self.written.take_brightness();
-                brightness.undo(self.stream.device());
+                if let Some(session) = &self.session {
+                    self.written.undo_brightness(session.stream.device());
+                }
                 self.brightness_after(SETTLING, stop, &mut frame)?;
             }
             self.forget_frames();
             controls = self.read_controls();
         }
-        self.info.controls = Some(controls.report(&wish, &attempt));
+        notes.insert(0, controls.report(&wish, &attempt));
+        self.info.controls = Some(notes.join("; "));
+        self.locked = controls;
         Ok(())
     }
 
+    /// Gives a camera that was unplugged the values at which it was locked. What it refuses is said in [`Camera::info`].
+    pub(super) fn lock_again(&mut self) {
+        let mut refused: Vec<String> = Vec::new();
+        // Values can be written once automatics are off.
+        for _ in 0..2 {
+            for change in self.locked.to_set_again(&self.read_controls()) {
+                if let Err(error) = self.write_control(change) {
+                    refused.push(error.to_string());
+                }
+            }
+        }
+        if let (Some(first), Some(controls)) = (refused.first(), &mut self.info.controls) {
+            *controls =
+                format!("not all controls are as they were, the camera refuses them ({first})");
+        }
+    }
+
+    /// Puts back what a killed program left in the camera, and keeps for the next one what this one overwrites. What a person should
+    /// know of it.
+    fn take_over_state(&mut self) -> Vec<String> {
+        let camera = format!("{} {}", self.identity.card, self.identity.bus);
+        let (Some(folder), Some(session)) = (state_folder(), &self.session) else {
+            return Vec::new();
+        };
+        let kept = self
+            .written
+            .keep_in(&folder, &camera, session.stream.device());
+        match kept {
+            Ok(0) => Vec::new(),
+            Ok(_) => {
+                vec!["what an overcam that was killed left locked was put back first".to_owned()]
+            }
+            Err(error) => vec![format!(
+                "should overcam be killed, the next one cannot put these back, {}: {error}",
+                folder.display()
+            )],
+        }
+    }
+
     fn read_controls(&self) -> Controls {
-        Controls::read(self.stream.device())
+        let session = self.session.as_ref();
+        session.map_or_else(Controls::default, |session| {
+            Controls::read(session.stream.device())
+        })
+    }
+
+    fn write_control(&mut self, change: Change) -> io::Result<()> {
+        match &self.session {
+            Some(session) => self.written.write(session.stream.device(), change),
+            None => Err(io::ErrorKind::NotConnected.into()),
+        }
     }
 
     /// Throws frames away for so long, and so many, and returns how bright the last one is (mean, of 255); `None` if stopped.

@@ -313,24 +313,39 @@ fn only_large_changes_of_the_brightness_are_jumps() {
     assert_eq!(brightness_jump(120.0, 0.0), Some(1.0 / 120.0));
 }
 
+/// Power-on values: what a camera has when it comes back.
 #[test]
-fn brightness_is_given_back_without_the_rest() {
-    let written = |id, value| Change { id, value };
-    let mut all = Written(vec![
-        written(EXPOSURE_AUTO_PRIORITY, 1),
-        written(EXPOSURE_AUTO, 3),
-        written(AUTOGAIN, 1),
-        written(AUTO_WHITE_BALANCE, 1),
-        written(GAIN, 12),
-    ]);
-    let undone = all.take_brightness();
-    assert_eq!(pairs(&undone.0), [(EXPOSURE_AUTO, 3), (AUTOGAIN, 1)]);
-    let kept = [
-        (EXPOSURE_AUTO_PRIORITY, 1),
-        (AUTO_WHITE_BALANCE, 1),
-        (GAIN, 12),
-    ];
-    assert_eq!(pairs(&all.0), kept);
+fn a_camera_that_comes_back_gets_the_values_at_which_it_was_locked() {
+    let locked = changed(
+        camera(&WEBCAM),
+        &[
+            Change {
+                id: EXPOSURE_AUTO,
+                value: EXPOSURE_MANUAL,
+            },
+            Change {
+                id: EXPOSURE_ABSOLUTE,
+                value: 99,
+            },
+            Change {
+                id: AUTO_WHITE_BALANCE,
+                value: OFF,
+            },
+        ],
+    );
+    let back = camera(&WEBCAM);
+    let first = locked.to_set_again(&back);
+    // The focus was automatic, and stays so.
+    assert_eq!(
+        pairs(&first),
+        [(EXPOSURE_AUTO, EXPOSURE_MANUAL), (AUTO_WHITE_BALANCE, OFF)]
+    );
+    let back = changed(back, &first);
+    let second = locked.to_set_again(&back);
+    assert_eq!(pairs(&second), [(EXPOSURE_ABSOLUTE, 99)]);
+    assert!(locked.to_set_again(&changed(back, &second)).is_empty());
+    // One whose power stayed on.
+    assert!(locked.to_set_again(&locked).is_empty());
 }
 
 #[test]
