@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, bail};
-use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
 use crate::calibration::{self, Calibration};
 use crate::cli::{Cli, Command, MarkersCommand};
@@ -28,7 +28,8 @@ use crate::watch;
 /// What kept it from being done, in one line.
 pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    let hang_up = (!ignores(SIGHUP)).then_some(SIGHUP);
+    for signal in [SIGINT, SIGTERM].into_iter().chain(hang_up) {
         // A second Ctrl-C ends the program at once, should the first one not be heard.
         signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
             .context("signals")?;
@@ -59,6 +60,16 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         }
     }
     Ok(Completion::Done)
+}
+
+/// Whether the program was started with a signal ignored: `nohup` does so, and wants it to stay so.
+fn ignores(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status
+        .lines()
+        .find_map(|line| line.strip_prefix("SigIgn:"))
+        .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 fn markers(

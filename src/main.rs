@@ -7,7 +7,7 @@ use overcam::cli::Cli;
 use overcam::command::execute;
 use overcam::run::Completion;
 use overcam::source::SourceError;
-use overcam::status::{one_line, tell};
+use overcam::status::{is_broken_pipe, one_line, tell};
 
 /// The arguments contradict each other; those that cannot be read end the program with the same.
 const WRONG_ARGUMENTS: u8 = 2;
@@ -18,6 +18,7 @@ fn main() -> ExitCode {
     match execute(&Cli::parse()) {
         Ok(Completion::Done) => ExitCode::SUCCESS,
         Ok(Completion::FramesLost) => ExitCode::from(FRAMES_LOST),
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             tell(format_args!("overcam: {}", one_line(&error)));
             match error.downcast_ref() {

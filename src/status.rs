@@ -3,7 +3,7 @@
 //! On a terminal the line is renewed every second in place; elsewhere, in a log, a new one comes every ten seconds.
 
 use std::fmt;
-use std::io::{IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use scene::Scene;
@@ -105,6 +105,15 @@ pub fn one_line(error: &anyhow::Error) -> String {
         }
     }
     line
+}
+
+/// Whether the reader of standard output has gone: it has seen enough, and nothing failed.
+#[must_use]
+pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    let io = error
+        .chain()
+        .find_map(|cause| cause.downcast_ref::<io::Error>());
+    io.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }
 
 /// Writes a line to standard error.

@@ -115,6 +115,21 @@ fn a_reader_that_has_seen_enough_ends_the_run_well() {
 }
 
 #[test]
+fn a_list_whose_reader_has_gone_is_no_error() {
+    let folder = folder();
+    for arguments in [&["devices"][..], &["markers", "check"]] {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let output = overcam(folder.path(), arguments)
+            .stdout(writer)
+            .output()
+            .expect("it runs");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), &*errors), (Some(0), ""));
+    }
+}
+
+#[test]
 fn output_that_cannot_be_written_is_an_error_in_one_line() {
     let folder = folder();
     let print = [&SMALL[..], &["--frames", "3", "--json"]].concat();

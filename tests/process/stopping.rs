@@ -9,7 +9,7 @@ use crate::fixture::{PLAIN, Running, folder, overcam, parse, printed, run, seque
 #[test]
 fn an_interrupted_recording_is_complete() {
     let folder = folder();
-    for signal in ["INT", "TERM"] {
+    for signal in ["INT", "TERM", "HUP"] {
         let file = format!("{signal}.mcap");
         let running = Running::start(&mut overcam(
             folder.path(),
@@ -26,6 +26,26 @@ fn an_interrupted_recording_is_complete() {
         );
         assert!(replayed == lines, "{} frames", replayed.len());
     }
+}
+
+/// `nohup` starts a program with the signal ignored, to outlive its terminal.
+#[test]
+fn a_hang_up_that_is_to_be_ignored_ends_nothing() {
+    let folder = folder();
+    let overcam = env!("CARGO_BIN_EXE_overcam");
+    let mut nohup = Command::new("sh");
+    nohup
+        .current_dir(folder.path())
+        .args(["-c", r#"trap "" HUP; exec "$0" "$@""#, overcam])
+        .args([&PLAIN[..], &["--json"]].concat());
+    let running = Running::start(&mut nohup);
+    let first = sequence_of(&running.next_line());
+    running.signal("HUP");
+    for sequence in first + 1..first + 40 {
+        assert_eq!(sequence_of(&running.next_line()), sequence);
+    }
+    running.signal("TERM");
+    assert_eq!(running.end().status, Some(0));
 }
 
 #[test]
