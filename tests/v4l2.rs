@@ -11,7 +11,7 @@ use std::{env, fs};
 use imgproc::Size;
 use overcam::frame::{Frame, Picture, PixelFormat, decode};
 use overcam::slot::Next;
-use overcam::source::camera::{Camera, CameraError, Counters, Wish};
+use overcam::source::camera::{Camera, CameraError, Counters, Loss, Wish};
 use overcam::source::controls::ControlWish;
 use overcam::source::devices;
 
@@ -358,7 +358,7 @@ fn vivid_counts_and_clocks_may_wrap_around() {
 
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
-fn vivid_that_vanishes_ends_with_an_error_and_can_come_back() {
+fn vivid_that_vanishes_is_lost_and_can_come_back() {
     for control in ["inject_fatal_streaming_error=1", "disconnect=1"] {
         let mut camera = open(Wish::default());
         let before = frames(&mut camera, 5).len() as u64;
@@ -367,12 +367,18 @@ fn vivid_that_vanishes_ends_with_an_error_and_can_come_back() {
         let (rest, error) = capture(&mut camera, 1000);
         println!("{control}: {error:?} after {:?}", start.elapsed());
         match error {
-            Some(CameraError::Gone { n_frames, .. }) => {
-                assert_eq!(n_frames, before + rest.len() as u64);
-            }
+            Some(CameraError::Lost {
+                loss: Loss::Gone { n_frames, .. },
+            }) => assert_eq!(n_frames, before + rest.len() as u64),
             other => panic!("{control}: {other:?}"),
         }
         assert!(camera.next(&mut Frame::empty()).is_err());
+        camera.resume().expect("it is there again");
+        let number = |frames: &[Frame]| frames.last().map(|frame| frame.sequence);
+        let (last, lost) = (number(&rest), camera.counters().lost_by_driver);
+        let again = frames(&mut camera, 3);
+        let skipped = camera.counters().lost_by_driver - lost;
+        assert_eq!(number(&again), last.map(|last| last + 3 + skipped));
         drop(camera);
         frames(&mut open(Wish::default()), 3);
     }
@@ -484,7 +490,10 @@ fn loopback_that_stalls_ends_with_an_error() {
     let (frames, error) = capture(&mut camera, 1000);
     let error = error.expect("the feed ends");
     assert!(
-        matches!(error, CameraError::Stalled { seconds: 5, n_frames, .. } if n_frames == frames.len() as u64),
+        matches!(
+            error,
+            CameraError::Lost { loss: Loss::Stalled { seconds: 5, n_frames, .. } } if n_frames == frames.len() as u64
+        ),
         "{error}"
     );
 }
