@@ -103,7 +103,7 @@ impl Camera {
         match kept {
             Ok(0) => Vec::new(),
             Ok(_) => {
-                vec!["what an overcam that was killed left locked was put back first".to_owned()]
+                vec!["what an earlier run left locked was put back first".to_owned()]
             }
             Err(error) => vec![format!(
                 "should overcam be killed, the next one cannot put these back, {}: {error}",
