@@ -1,6 +1,6 @@
 //! The process thread, which is the main one: frames through the pipeline, scenes to planners and to standard output.
 
-use std::io::{self, Write};
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError};
 use std::time::{Duration, Instant};
@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 
 use crate::json;
+use crate::lines::Lines;
 use crate::pipeline::Outcome;
 use crate::publish::{Publisher, monotonic_ns};
 use crate::run::{Books, POLL};
@@ -16,9 +17,8 @@ use crate::slot::Slot;
 use crate::status::Status;
 
 /// What the process thread works with.
-pub(super) struct ProcessStage<'a, W> {
+pub(super) struct ProcessStage<'a> {
     pub(super) live: bool,
-    pub(super) json: bool,
     pub(super) setup: Setup,
     pub(super) publisher: Option<Publisher>,
     pub(super) sink: Sink,
@@ -27,8 +27,8 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) relearn: &'a AtomicBool,
     /// The floor is being learned anew.
     pub(super) relearning: bool,
-    pub(super) out: &'a mut W,
-    pub(super) line: Vec<u8>,
+    /// The way to standard output, with `--json`.
+    pub(super) lines: Option<Lines>,
     pub(super) n_scenes: u64,
     pub(super) books: Books,
     /// Of the scene before.
@@ -40,7 +40,7 @@ pub(super) struct ProcessStage<'a, W> {
 /// After so many polls without a frame since the stop, capture waits for a pipe that stays silent.
 const SILENT_POLLS: u32 = 3;
 
-impl<W: Write> ProcessStage<'_, W> {
+impl ProcessStage<'_> {
     /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
     ///
     /// A stop ends capture, and capture ends this: until then a frame may be on its way. Only a pipe may keep capture for
@@ -73,13 +73,14 @@ impl<W: Write> ProcessStage<'_, W> {
                 continue;
             }
             let slot = self.newest(slot, frames);
-            result = self.process(slot);
+            result = self.process(slot, stop);
             if result.is_err() {
                 stop.store(true, Ordering::Relaxed);
             }
         }
+        let printed = self.finish_lines(stop);
         self.status.clear();
-        match result {
+        match result.and(printed) {
             // Whoever read our lines has seen enough.
             Err(error) if is_broken_pipe(&error) => Ok(()),
             result => result,
@@ -103,7 +104,7 @@ impl<W: Write> ProcessStage<'_, W> {
         self.sink.take(slot, &mut self.books);
     }
 
-    fn process(&mut self, mut slot: Slot) -> anyhow::Result<()> {
+    fn process(&mut self, mut slot: Slot, stop: &AtomicBool) -> anyhow::Result<()> {
         if slot.passed_over {
             self.pass_over(slot);
             return Ok(());
@@ -128,12 +129,15 @@ impl<W: Write> ProcessStage<'_, W> {
             }
         };
         self.books.processed += 1;
+        if let Some((seen, of)) = self.setup.pipeline.learning_progress() {
+            self.status.learning("the empty floor", seen, of);
+        }
         self.look_after_relearning(slot.frame.sequence);
         let mut result = Ok(());
         if outcome == Outcome::Scene {
             self.n_scenes += 1;
             self.tell_light(&slot.scene);
-            result = self.deliver(&mut slot);
+            result = self.deliver(&mut slot, stop);
             let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
             let latency = if self.live {
                 Duration::from_nanos(since_exposure)
@@ -188,7 +192,7 @@ impl<W: Write> ProcessStage<'_, W> {
     }
 
     /// Hands the scene to planners and prints it.
-    fn deliver(&mut self, slot: &mut Slot) -> anyhow::Result<()> {
+    fn deliver(&mut self, slot: &mut Slot, stop: &AtomicBool) -> anyhow::Result<()> {
         slot.scene.clock = if self.live {
             scene::CLOCK_MONOTONIC
         } else {
@@ -199,13 +203,27 @@ impl<W: Write> ProcessStage<'_, W> {
         {
             self.status.say(&error.to_string());
         }
-        if self.json {
-            self.line.clear();
-            json::write_line(&slot.scene, &mut self.line)?;
-            self.out
-                .write_all(&self.line)
-                .and_then(|()| self.out.flush())
+        if let Some(lines) = &mut self.lines {
+            lines
+                .print(stop, |line| json::write_line(&slot.scene, line))
                 .context("standard output")?;
+            if let Some(message) = lines.report() {
+                self.status.say(&message);
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for the reader of standard output, if it reads, and says what it missed.
+    fn finish_lines(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
+        let Some(mut lines) = self.lines.take() else {
+            return Ok(());
+        };
+        let n_missing = lines.finish(stop).context("standard output")?;
+        if n_missing > 0 {
+            self.status.say(&format!(
+                "standard output was not read in time: {n_missing} lines are missing"
+            ));
         }
         Ok(())
     }
@@ -301,15 +319,13 @@ mod tests {
         let (relearn, stop) = (AtomicBool::new(false), AtomicBool::new(true));
         let mut stage = ProcessStage {
             live,
-            json: false,
             setup: Setup::new(&args, &source).expect("the defaults are right"),
             publisher: None,
             sink: Sink::Free(to_capture),
             status: Status::new(live),
             relearn: &relearn,
             relearning: false,
-            out: &mut io::sink(),
-            line: Vec::new(),
+            lines: None,
             n_scenes: 0,
             books: Books::default(),
             light: scene::LIGHT_STEADY,
