@@ -45,7 +45,15 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         Command::Devices => devices::list(&mut out).context("standard output")?,
         Command::Background(args) => learn_background(args, &stop, &mut out)?,
         Command::Markers(command) => markers(command, &stop, &mut out)?,
-        Command::Watch { service, frames } => watch::watch(service, *frames, &stop, &mut out)?,
+        Command::Watch {
+            service,
+            frames,
+            json,
+        } => {
+            // It writes from another thread.
+            drop(out);
+            watch::watch(service, *frames, *json, &stop, std::io::stdout())?;
+        }
         Command::Recover { file, output } => {
             let report = recover::recover(file, output)?;
             let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);

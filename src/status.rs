@@ -42,7 +42,7 @@ impl Status {
         let resumed = Arc::new(AtomicBool::new(false));
         // Without the signal only the first line after Ctrl-Z is wrong.
         let _ = signal_hook::flag::register(SIGCONT, Arc::clone(&resumed));
-        let terminal = knows_escapes(&std::io::stderr());
+        let terminal = can_redraw(&std::io::stderr()) && !no_color();
         Self {
             terminal,
             meter: Meter::new(
@@ -151,12 +151,21 @@ impl Status {
     }
 }
 
-/// Whether a stream is a terminal on which a line can be drawn over another.
-pub(crate) fn knows_escapes(stream: &impl IsTerminal) -> bool {
-    let set = |name| std::env::var_os(name).filter(|value| !value.is_empty());
-    stream.is_terminal()
-        && set("TERM").is_some_and(|term| term != "dumb")
-        && set("NO_COLOR").is_none()
+/// Whether a stream is a terminal on which text can be drawn over other text.
+pub(crate) fn can_redraw(stream: &impl IsTerminal) -> bool {
+    let term = std::env::var_os("TERM").unwrap_or_default();
+    stream.is_terminal() && !term.is_empty() && term != "dumb"
+}
+
+/// Whether the user wants text without colours and the like: <https://no-color.org>.
+fn no_color() -> bool {
+    std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
+}
+
+/// `1 frame`, `2 frames`.
+pub(crate) fn counted(n: u64, what: &str) -> String {
+    let plural = if n == 1 { "" } else { "s" };
+    format!("{n} {what}{plural}")
 }
 
 /// Rate and latency of the results since the last figures.

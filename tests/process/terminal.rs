@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::fixture::{folder, write_y4m};
+use crate::fixture::{Running, folder, overcam, parse, unique, write_y4m};
 
 const ESCAPE: char = '\u{1b}';
 
@@ -110,4 +110,44 @@ fn the_line_is_drawn_anew_after_ctrl_z() {
     // No two lines that are due have the same frame.
     let lines = drawn(&written);
     assert!(lines.windows(2).any(|pair| pair[0] == pair[1]), "{written}");
+}
+
+#[test]
+fn watching_on_a_terminal_shows_a_table_and_elsewhere_lines() {
+    let folder = folder();
+    let service = unique("table");
+    let publisher = Running::start(&mut overcam(folder.path(), &["--service", &service]));
+    publisher.hear("publishing on");
+    let watch = format!("watch --service {service} --frames 20");
+    let Some(written) = in_terminal(folder.path(), 80, "", &watch) else {
+        return;
+    };
+    let header = format!("{service}/scene: frame ");
+    assert!(written.matches(&header).count() >= 2, "{written}");
+    assert!(written.contains("6 marked, 5 obstacles"), "{written}");
+    // Robots with their directions and obstacles without, none of them twice.
+    let last = written.rsplit(&header).next().unwrap_or_default();
+    let rows: Vec<&str> = last
+        .lines()
+        .filter(|row| row.contains(" seen") && !row.contains("marked"))
+        .collect();
+    assert_eq!(rows.len(), 11, "{last:?}");
+    assert!(rows.iter().any(|row| row.contains("obstacle")), "{last}");
+    // The cursor is shown again, below the table.
+    assert!(written.trim_end_matches("\r\n").ends_with("\u{1b}[?25h"));
+    assert!(!written.contains("watch:"), "{written}");
+
+    // Lines for a terminal that cannot draw, and where lines are asked for.
+    for (environment, flag) in [("TERM=dumb", ""), ("", "--json")] {
+        let arguments = format!("{watch} {flag}");
+        let written = in_terminal(folder.path(), 80, environment, &arguments).unwrap_or_default();
+        let lines: Vec<&str> = written
+            .lines()
+            .filter(|line| line.starts_with('{'))
+            .collect();
+        assert_eq!(lines.len(), 20, "{written}");
+        lines.iter().for_each(|line| drop(parse(line)));
+    }
+    publisher.signal("INT");
+    assert_eq!(publisher.end().status, Some(0));
 }
