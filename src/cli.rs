@@ -42,7 +42,7 @@ pub enum Command {
     /// Check marker drawings, print them, design new ones, or learn one from a view
     #[command(subcommand)]
     Markers(MarkersCommand),
-    /// Print what a running overcam publishes, as --json would
+    /// Show what a running overcam publishes: a table on a terminal, elsewhere lines as --json prints them
     Watch {
         /// Name of the service
         #[arg(long, default_value = scene::DEFAULT_SERVICE)]
@@ -50,6 +50,9 @@ pub enum Command {
         /// Stop after this many scenes
         #[arg(long)]
         frames: Option<u64>,
+        /// Print one JSON object a scene, on a terminal too
+        #[arg(long)]
+        json: bool,
     },
     /// Rewrite what is readable of a recording that was cut off
     Recover {

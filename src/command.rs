@@ -19,6 +19,7 @@ use crate::recording::recover;
 use crate::run::background::{learn_background, learn_view};
 use crate::run::{Completion, run};
 use crate::source::devices;
+use crate::status::can_redraw;
 use crate::watch;
 
 /// Does what the arguments say, until it is done or a signal ends it.
@@ -38,16 +39,29 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
     // Registered for every command, lest the signal ends one to which it says nothing.
     let relearn = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGUSR1, Arc::clone(&relearn)).context("signals")?;
+    let Some(command) = &cli.command else {
+        return run(&cli.run, &stop, &relearn, std::io::stdout());
+    };
     let mut out = std::io::stdout().lock();
-    match &cli.command {
-        None => return run(&cli.run, &stop, &relearn, &mut out),
-        Some(Command::Devices) => devices::list(&mut out).context("standard output")?,
-        Some(Command::Background(args)) => learn_background(args, &stop, &mut out)?,
-        Some(Command::Markers(command)) => markers(command, &stop, &mut out)?,
-        Some(Command::Watch { service, frames }) => {
-            watch::watch(service, *frames, &stop, &mut out)?
+    match command {
+        Command::Devices => devices::list(&mut out).context("standard output")?,
+        Command::Background(args) => learn_background(args, &stop, &mut out)?,
+        Command::Markers(command) => markers(command, &stop, &mut out)?,
+        Command::Watch {
+            service,
+            frames,
+            json,
+        } => {
+            // It writes from another thread.
+            drop(out);
+            let out = std::io::stdout();
+            let form = match !*json && can_redraw(&out) {
+                true => watch::Form::Table,
+                false => watch::Form::Json,
+            };
+            watch::watch(service, *frames, form, &stop, out)?;
         }
-        Some(Command::Recover { file, output }) => {
+        Command::Recover { file, output } => {
             let report = recover::recover(file, output)?;
             let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);
             let damaged = report.damaged;

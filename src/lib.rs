@@ -23,7 +23,8 @@
 //! * [`source`]: where frames come from, cameras, files, recordings, and the demo floor with exact truth;
 //! * [`slot`]: what travels through the program with a frame;
 //! * [`recording`]: frames and results into MCAP, and back;
-//! * [`publish`]: scenes into shared memory, from where [`watch`] and any planner read them; [`json`]: a scene as a line;
+//! * [`publish`]: scenes into shared memory, from where [`watch`] and any planner read them; [`json`]: a scene as a line,
+//!   `lines`: its way to standard output;
 //! * [`cli`] defines the arguments, [`command`] does what they say, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the
 //!   books of the frames, [`status`] shows that they live;
 //! * `raster` draws polygons exactly, for the demo and for the markers' references.
@@ -31,8 +32,8 @@
 //! # What is deliberately absent
 //!
 //! Stages are plain functions; there is no stage trait, no list of stages and no plug-in. The pipeline looks at no clock and draws no
-//! random numbers: the same frames give the same scenes, live and replayed. There is no fourth thread, no lock and no
-//! asynchronous runtime.
+//! random numbers: the same frames give the same scenes, live and replayed. A frame meets three threads and no lock; a fourth
+//! writes the lines of `--json`, and nobody waits for it at a camera. There is no asynchronous runtime.
 
 pub mod calibration;
 pub mod cli;
@@ -42,6 +43,7 @@ pub mod floor;
 pub mod frame;
 pub mod jpeg;
 pub mod json;
+mod lines;
 pub mod marker;
 mod outline;
 pub mod pipeline;

@@ -131,6 +131,15 @@ impl Pipeline {
         !matches!(self.learning, Learning::Idle)
     }
 
+    /// While frames are collected to learn a floor: how many there are so far, and how many are needed.
+    #[must_use]
+    pub fn learning_progress(&self) -> Option<(u32, u32)> {
+        match &self.learning {
+            Learning::Collecting(learner) => Some((learner.seen(), learner.frames())),
+            Learning::Done(_) | Learning::Idle => None,
+        }
+    }
+
     /// Processes the slot's frame. A background in the slot replaces the one in use; one that was learned is put into the slot
     /// of the first frame that it is used for.
     ///

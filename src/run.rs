@@ -8,13 +8,17 @@
 //!   (thread)            (main)    at most 8 wait    (thread)
 //!                         │
 //!                         ├──▶ shared memory
-//!                         └──▶ standard output
+//!                         └──lines──▶ standard output
+//!                                     (thread, with --json)
 //! ```
 //!
 //! A slot is owned by one thread at a time and moves by value; nothing is shared but counters. From a live camera, process takes the
 //! newest frame and passes the others over, capture drops a frame for which no slot is free, and neither waits for the
 //! recorder: a frame that finds its queue full is lost from the recording. From a file or the demo nobody is in a hurry: every frame
 //! is processed and, where asked for, recorded.
+//!
+//! A reader of standard output that stops reading holds up nothing at a camera: lines are left out, counted and said. For all
+//! other sources it is waited for, until a stop.
 //!
 //! A shortage is counted where it happens, and the [books](Books) are checked at the end.
 
@@ -36,6 +40,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 
 use crate::cli::RunArgs;
+use crate::lines::Lines;
 use crate::publish::Publisher;
 use crate::recording::record::Recorder;
 use crate::run::capture::{Counters, Orders, capture, open_source};
@@ -130,7 +135,7 @@ pub fn run(
     args: &RunArgs,
     stop: &Arc<AtomicBool>,
     relearn: &AtomicBool,
-    out: &mut impl Write,
+    out: impl Write + Send + 'static,
 ) -> anyhow::Result<Completion> {
     let Some(mut source) = open_source(&args.source, stop)? else {
         return Ok(Completion::Done);
@@ -186,17 +191,18 @@ pub fn run(
         }
     };
     let frame = setup.frame();
+    let lines = args.json.then(|| Lines::start(out, !info.live));
     let mut stage = ProcessStage {
         live: info.live,
-        json: args.json,
         setup,
         publisher,
         sink,
         status: Status::new(info.live),
         relearn,
         relearning: false,
-        out,
-        line: Vec::new(),
+        lines: lines
+            .transpose()
+            .context("the thread for standard output cannot start")?,
         n_scenes: 0,
         books: Books::default(),
         light: scene::LIGHT_STEADY,

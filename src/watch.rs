@@ -1,11 +1,16 @@
 //! `overcam watch`: prints what a planner would read from shared memory.
 //!
-//! Each scene becomes the line that `--json` prints for it. The watcher waits for a service that does not exist yet, stays
-//! when its publisher goes or is killed, and goes on with the next one; what happens is said on standard error.
+//! On a terminal that is a [`table`] of the newest scene. Elsewhere, and with `--json`, each scene becomes the line that `--json` prints for
+//! it. The watcher waits for a service that does not exist yet, stays
+//! when its publisher goes or is killed, and goes on with the next one; what happens is said on standard error, or stands in the
+//! table.
 //!
 //! Deliberately absent: a way to slow the publisher down. A reader that falls behind, or whose pipe does, misses scenes, and
 //! is told how many.
 
+mod table;
+
+use std::fmt;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -22,8 +27,10 @@ use iceoryx2::service::port_factory::publish_subscribe;
 use scene::Scene;
 
 use crate::json;
+use crate::lines::Lines;
 use crate::publish::{Ipc, NameError, node, service_name};
-use crate::status::tell;
+use crate::status::{counted, tell};
+use table::Screen;
 
 /// Longest wait before the stop flag is looked at.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
@@ -73,8 +80,17 @@ pub enum WatchError {
     Write(#[from] io::Error),
 }
 
-/// Prints the scenes published on `service` to `out`, one JSON object a line, until `frames` are printed or `stop` is set.
-/// A closed pipe behind `out` ends it like a stop.
+/// How scenes are shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// As the lines of `--json`.
+    Json,
+    /// The newest one in a table, drawn anew in place: for a terminal.
+    Table,
+}
+
+/// Prints the scenes published on `service` to `out`, until `frames` are printed or `stop` is set. A closed pipe behind `out` ends it like
+/// a stop.
 ///
 /// # Errors
 ///
@@ -82,16 +98,23 @@ pub enum WatchError {
 pub fn watch(
     service: &str,
     frames: Option<u64>,
+    form: Form,
     stop: &AtomicBool,
-    out: &mut impl Write,
+    out: impl Write + Send + 'static,
 ) -> Result<(), WatchError> {
     let name = service_name(service)?;
     set_log_level(LogLevel::Fatal);
     let Some(connection) = Connection::wait_for(name, stop)? else {
         return Ok(());
     };
+    let mut output = match form {
+        Form::Json => Output::Json(Lines::start(out, true)?),
+        Form::Table => Output::Table(Screen::new(name.to_string(), out)),
+    };
     let mut progress = Progress::new(name);
-    let result = print_scenes(&connection, frames, stop, &mut progress, out);
+    progress.quiet = matches!(output, Output::Table(_));
+    let result = print_scenes(&connection, frames, stop, &mut progress, &mut output)
+        .and_then(|()| Ok(output.finish(stop)?));
     progress.report_missing();
     match result {
         Err(WatchError::Write(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -99,30 +122,56 @@ pub fn watch(
     }
 }
 
-fn print_scenes(
+fn print_scenes<W: Write>(
     connection: &Connection,
     frames: Option<u64>,
     stop: &AtomicBool,
     progress: &mut Progress,
-    out: &mut impl Write,
+    output: &mut Output<W>,
 ) -> Result<(), WatchError> {
-    let mut line = Vec::new();
     let mut remaining = frames.unwrap_or(u64::MAX);
     while remaining > 0 && !stop.load(Ordering::Relaxed) {
         let Some(sample) = connection.receive()? else {
-            out.flush()?;
+            output.while_waiting()?;
             connection.wait()?;
             progress.look_after_publisher(connection);
             continue;
         };
         progress.received(sample.header().publisher_id(), sample.sequence);
-        line.clear();
-        json::write_line(&sample, &mut line)?;
-        out.write_all(&line)?;
+        output.print(&sample, progress.n_missing, stop)?;
         remaining -= 1;
     }
-    out.flush()?;
     Ok(())
+}
+
+/// Where scenes are shown.
+enum Output<W> {
+    Json(Lines),
+    Table(Screen<W>),
+}
+
+impl<W: Write> Output<W> {
+    fn print(&mut self, scene: &Scene, n_missing: u64, stop: &AtomicBool) -> io::Result<()> {
+        match self {
+            Self::Json(lines) => lines.print(stop, |line| json::write_line(scene, line)),
+            Self::Table(screen) => screen.take(scene, n_missing),
+        }
+    }
+
+    fn while_waiting(&mut self) -> io::Result<()> {
+        match self {
+            Self::Json(_) => Ok(()),
+            Self::Table(screen) => screen.draw_when_due(),
+        }
+    }
+
+    fn finish(&mut self, stop: &AtomicBool) -> io::Result<()> {
+        match self {
+            // What a reader that has stopped did not read is nobody's loss.
+            Self::Json(lines) => lines.finish(stop).map(drop),
+            Self::Table(screen) => screen.finish(),
+        }
+    }
 }
 
 /// A subscription and what wakes it.
@@ -248,6 +297,8 @@ struct Progress {
     reported: Instant,
     heard: Instant,
     absent: bool,
+    /// A table says it instead.
+    quiet: bool,
 }
 
 impl Progress {
@@ -262,6 +313,13 @@ impl Progress {
             reported: now,
             heard: now,
             absent: false,
+            quiet: false,
+        }
+    }
+
+    fn tell(&self, message: fmt::Arguments<'_>) {
+        if !self.quiet {
+            tell(format_args!("watch: {message}"));
         }
     }
 
@@ -271,8 +329,8 @@ impl Progress {
             self.n_missing += sequence.saturating_sub(self.next_sequence);
         } else {
             if self.publisher.is_some() || self.absent {
-                tell(format_args!(
-                    "watch: service `{}` has a new publisher",
+                self.tell(format_args!(
+                    "service `{}` has a new publisher",
                     self.service
                 ));
             }
@@ -293,8 +351,8 @@ impl Progress {
         self.heard = Instant::now();
         connection.service.try_cleanup_dead_nodes();
         if connection.service.dynamic_config().number_of_publishers() == 0 {
-            tell(format_args!(
-                "watch: nobody publishes on service `{}`: waiting",
+            self.tell(format_args!(
+                "nobody publishes on service `{}`: waiting",
                 self.service
             ));
             self.absent = true;
@@ -303,9 +361,9 @@ impl Progress {
 
     fn report_missing(&mut self) {
         if self.n_missing > self.n_reported {
-            tell(format_args!(
-                "watch: {} frames without a scene here: passed over by overcam, or not read in time",
-                self.n_missing
+            self.tell(format_args!(
+                "{} without a scene here: passed over by overcam, or not read in time",
+                counted(self.n_missing, "frame")
             ));
             self.n_reported = self.n_missing;
             self.reported = Instant::now();

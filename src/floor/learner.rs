@@ -84,6 +84,12 @@ impl Learner {
         self.seen
     }
 
+    /// Frames that it needs.
+    #[must_use]
+    pub fn frames(&self) -> u32 {
+        self.frames
+    }
+
     /// Takes a frame. True when it was the last one, and [`Learner::finish`] has the floor.
     ///
     /// # Panics

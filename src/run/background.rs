@@ -17,7 +17,7 @@ use crate::frame::{Picture, decode};
 use crate::run::capture::{Counters, Orders, capture, joined_unless_blocked, open_source};
 use crate::run::{POLL, SLOTS, spawn, tell_camera};
 use crate::slot::{Slot, SourceInfo};
-use crate::status::tell;
+use crate::status::{Status, tell};
 
 /// Learns the floor and writes it, unless `stop` is set before. One line about it goes to `out`.
 ///
@@ -105,7 +105,16 @@ pub(crate) fn learn_view<T>(
         }
     })?;
     let mut learner = Learner::new(info.size, count);
-    let learned = learn(&mut learner, &info, &frames, &to_capture, stop);
+    let mut status = Status::new(info.live);
+    let learned = learn(
+        &mut learner,
+        (&info, what),
+        &frames,
+        &to_capture,
+        stop,
+        &mut status,
+    );
+    status.clear();
     let stopped = stop.swap(true, Ordering::Relaxed);
     drop((frames, to_capture));
     let captured = joined_unless_blocked(capture, stop)?;
@@ -134,13 +143,14 @@ pub(crate) fn learn_view<T>(
     )))
 }
 
-/// Gives the learner frames until it has enough of them (true) or no more come.
+/// Gives the learner frames until it has enough of them (true) or no more come, and tells how far it is with what is learned.
 fn learn(
     learner: &mut Learner,
-    info: &SourceInfo,
+    (info, what): (&SourceInfo, &str),
     frames: &Receiver<Slot>,
     to_capture: &SyncSender<Slot>,
     stop: &AtomicBool,
+    status: &mut Status,
 ) -> anyhow::Result<bool> {
     let mut picture = Picture::new(info.size);
     loop {
@@ -157,11 +167,9 @@ fn learn(
         match decoded {
             _ if passed_over => {}
             Ok(()) if learner.add(&picture) => return Ok(true),
-            Ok(()) => {}
+            Ok(()) => status.learning(what, learner.seen(), learner.frames()),
             Err(error) if info.live => {
-                tell(format_args!(
-                    "overcam: frame {sequence} is passed over: {error}"
-                ));
+                status.say(&format!("frame {sequence} is passed over: {error}"));
             }
             Err(error) => {
                 return Err(error).with_context(|| format!("{}: frame {sequence}", info.name));

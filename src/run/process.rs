@@ -1,6 +1,5 @@
 //! The process thread, which is the main one: frames through the pipeline, scenes to planners and to standard output.
 
-use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError};
@@ -9,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 
 use crate::json;
+use crate::lines::Lines;
 use crate::pipeline::Outcome;
 use crate::publish::{Publisher, monotonic_ns};
 use crate::run::capture::Counters;
@@ -20,9 +20,8 @@ use crate::slot::Slot;
 use crate::status::{Status, is_broken_pipe};
 
 /// What the process thread works with.
-pub(super) struct ProcessStage<'a, W> {
+pub(super) struct ProcessStage<'a> {
     pub(super) live: bool,
-    pub(super) json: bool,
     pub(super) setup: Setup,
     pub(super) publisher: Option<Publisher>,
     pub(super) sink: Sink,
@@ -31,8 +30,8 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) relearn: &'a AtomicBool,
     /// The floor is being learned anew.
     pub(super) relearning: bool,
-    pub(super) out: &'a mut W,
-    pub(super) line: Vec<u8>,
+    /// The way to standard output, with `--json`.
+    pub(super) lines: Option<Lines>,
     pub(super) n_scenes: u64,
     pub(super) books: Books,
     /// Of the scene before.
@@ -49,7 +48,7 @@ pub(super) struct ProcessStage<'a, W> {
 /// After so many polls without a frame since the stop, capture waits for a pipe that stays silent.
 const SILENT_POLLS: u32 = 3;
 
-impl<W: Write> ProcessStage<'_, W> {
+impl ProcessStage<'_> {
     /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
     ///
     /// A stop ends capture, and capture ends this: until then a frame may be on its way. Only a pipe may keep capture for
@@ -73,7 +72,7 @@ impl<W: Write> ProcessStage<'_, W> {
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     if result.is_ok() {
-                        result = self.while_waiting();
+                        result = self.while_waiting(stop);
                     }
                     if result.is_err() {
                         stop.store(true, Ordering::Relaxed);
@@ -87,13 +86,14 @@ impl<W: Write> ProcessStage<'_, W> {
                 continue;
             }
             let slot = self.newest(slot, frames);
-            result = self.process(slot);
+            result = self.process(slot, stop);
             if result.is_err() {
                 stop.store(true, Ordering::Relaxed);
             }
         }
+        let printed = self.finish_lines(stop);
         self.status.clear();
-        match result {
+        match result.and(printed) {
             // Whoever read our lines has seen enough.
             Err(error) if is_broken_pipe(&error) => Ok(()),
             result => result,
@@ -117,7 +117,7 @@ impl<W: Write> ProcessStage<'_, W> {
         self.sink.take(slot, &mut self.books);
     }
 
-    fn process(&mut self, mut slot: Slot) -> anyhow::Result<()> {
+    fn process(&mut self, mut slot: Slot, stop: &AtomicBool) -> anyhow::Result<()> {
         if slot.passed_over {
             self.pass_over(slot);
             return Ok(());
@@ -144,13 +144,16 @@ impl<W: Write> ProcessStage<'_, W> {
             }
         };
         self.books.processed += 1;
+        if let Some((seen, of)) = self.setup.pipeline.learning_progress() {
+            self.status.learning("the empty floor", seen, of);
+        }
         self.look_after_relearning(slot.frame.sequence);
         let mut result = Ok(());
         if outcome == Outcome::Scene {
             self.n_scenes += 1;
             self.tell_light(&slot.scene);
             self.heartbeat.light(&slot.scene);
-            result = self.deliver(&mut slot);
+            result = self.deliver(&mut slot, stop);
             let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
             let latency = if self.live {
                 Duration::from_nanos(since_exposure)
@@ -224,28 +227,42 @@ impl<W: Write> ProcessStage<'_, W> {
     }
 
     /// Hands the scene to planners and prints it.
-    fn deliver(&mut self, slot: &mut Slot) -> anyhow::Result<()> {
+    fn deliver(&mut self, slot: &mut Slot, stop: &AtomicBool) -> anyhow::Result<()> {
         slot.scene.clock = if self.live {
             scene::CLOCK_MONOTONIC
         } else {
             scene::CLOCK_SOURCE
         };
-        self.publish(&slot.scene)
+        self.publish(&slot.scene, stop)
     }
 
-    fn publish(&mut self, scene: &scene::Scene) -> anyhow::Result<()> {
+    fn publish(&mut self, scene: &scene::Scene, stop: &AtomicBool) -> anyhow::Result<()> {
         if let Some(publisher) = &mut self.publisher
             && let Err(error) = publisher.send(scene)
         {
             self.status.say(&error.to_string());
         }
-        if self.json {
-            self.line.clear();
-            json::write_line(scene, &mut self.line)?;
-            self.out
-                .write_all(&self.line)
-                .and_then(|()| self.out.flush())
+        if let Some(lines) = &mut self.lines {
+            lines
+                .print(stop, |line| json::write_line(scene, line))
                 .context("standard output")?;
+            if let Some(message) = lines.report() {
+                self.status.say(&message);
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for the reader of standard output, if it reads, and says what it missed.
+    fn finish_lines(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
+        let Some(mut lines) = self.lines.take() else {
+            return Ok(());
+        };
+        let n_missing = lines.finish(stop).context("standard output")?;
+        if n_missing > 0 {
+            self.status.say(&format!(
+                "standard output was not read in time: {n_missing} lines are missing"
+            ));
         }
         Ok(())
     }
@@ -260,7 +277,7 @@ impl<W: Write> ProcessStage<'_, W> {
     }
 
     /// What is to be done when no frame comes.
-    fn while_waiting(&mut self) -> anyhow::Result<()> {
+    fn while_waiting(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         if let Some(publisher) = &self.publisher
             && let Err(error) = publisher.serve_late_joiners()
         {
@@ -271,7 +288,7 @@ impl<W: Write> ProcessStage<'_, W> {
             && let Some(scene) = self.heartbeat.due(is_lost, Instant::now(), monotonic_ns())
         {
             let scene = *scene;
-            self.publish(&scene)?;
+            self.publish(&scene, stop)?;
         }
         Ok(())
     }
@@ -342,15 +359,13 @@ mod tests {
         let (relearn, stop) = (AtomicBool::new(false), AtomicBool::new(true));
         let mut stage = ProcessStage {
             live,
-            json: false,
             setup: Setup::new(&args, &source).expect("the defaults are right"),
             publisher: None,
             sink: Sink::Free(to_capture),
             status: Status::new(live),
             relearn: &relearn,
             relearning: false,
-            out: &mut std::io::sink(),
-            line: Vec::new(),
+            lines: None,
             n_scenes: 0,
             books: Books::default(),
             light: scene::LIGHT_STEADY,

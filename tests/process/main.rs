@@ -11,3 +11,4 @@ mod refusals;
 mod replay;
 mod stopping;
 mod subscribers;
+mod terminal;

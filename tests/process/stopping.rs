@@ -1,10 +1,13 @@
 //! Runs that are stopped, killed, or run out of room.
 
 use std::fs;
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
-use crate::fixture::{PLAIN, Running, folder, overcam, parse, printed, run, sequence_of, y4m};
+use crate::fixture::{
+    PATIENCE, PLAIN, Running, folder, overcam, parse, printed, run, sequence_of, unique, y4m,
+};
 
 #[test]
 fn an_interrupted_recording_is_complete() {
@@ -77,6 +80,50 @@ fn a_silent_pipe_does_not_keep_a_run_from_stopping() {
         assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
         drop(pipe);
     }
+}
+
+#[test]
+fn a_reader_that_stops_reading_does_not_keep_a_run_from_stopping() {
+    let folder = folder();
+    fs::write(folder.path().join("run.y4m"), y4m(400)).expect("it can be written");
+    let service = unique("unread");
+    let publisher = Running::start(&mut overcam(folder.path(), &["--service", &service]));
+    let runs = [
+        &[
+            &PLAIN[..],
+            &["--device", "run.y4m", "--learn", "15", "--json"],
+        ]
+        .concat()[..],
+        &["--json", "--no-publish"],
+        &["watch", "--service", &service],
+    ];
+    for arguments in runs {
+        let mut child = overcam(folder.path(), arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        // A reader that takes the first line and then nothing more; the pipe is full within a second or two.
+        let mut reader = BufReader::new(child.stdout.take().expect("standard output is piped"));
+        let mut line = String::new();
+        reader.read_line(&mut line).expect("a line comes");
+        assert_eq!(parse(&line)["frame"], "image");
+        std::thread::sleep(Duration::from_secs(2));
+        let id = child.id().to_string();
+        let kill = Command::new("kill").args(["-INT", &id]).status();
+        assert!(kill.expect("kill runs").success());
+        let deadline = Instant::now() + PATIENCE;
+        while child.try_wait().expect("it can be waited for").is_none() {
+            assert!(Instant::now() < deadline, "{arguments:?} does not end");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let output = child.wait_with_output().expect("it has ended");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{errors}");
+        drop(reader);
+    }
+    publisher.signal("INT");
+    assert_eq!(publisher.end().status, Some(0));
 }
 
 fn wait_until_it_catches_signals(id: u32) {

@@ -1,0 +1,288 @@
+//! Lines for standard output, written by a thread of their own: a reader that stops reading holds up neither positions nor a stop.
+//!
+//! Lines travel in a fixed number of buffers: full ones to the writing thread, empty ones back. Where no buffer is empty the reader is
+//! behind by all of them. What then happens to a line, [`Lines::print`] says.
+
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Lines that a reader may be behind by: a second or two of a camera.
+const BUFFERS: usize = 32;
+/// Longest wait for the reader before the stop flag is looked at.
+const POLL: Duration = Duration::from_millis(100);
+/// After so many polls without a line read since the stop, nobody reads any more.
+const SILENT_POLLS: u32 = 3;
+/// Shortest time between two reports of lines that were left out.
+const REPORT_PERIOD: Duration = Duration::from_secs(10);
+
+/// The way to standard output.
+#[derive(Debug)]
+pub(crate) struct Lines {
+    /// `None` once there will be no more lines.
+    to_write: Option<SyncSender<Vec<u8>>>,
+    written: Receiver<Vec<u8>>,
+    /// Buffers that are not on their way.
+    empty: Vec<Vec<u8>>,
+    /// `None` once its result is known.
+    thread: Option<JoinHandle<io::Result<()>>>,
+    /// Wait for the reader.
+    wait: bool,
+    /// It was waited for in vain.
+    unread: bool,
+    n_left_out: u64,
+    /// When something was last said of lines left out, and of how many.
+    reported: Option<(Instant, u64)>,
+}
+
+impl Lines {
+    /// Starts to write to `out`, each line at once. `wait` says what becomes of a line for which the reader has no room.
+    ///
+    /// # Errors
+    ///
+    /// When the thread cannot start.
+    pub(crate) fn start(out: impl Write + Send + 'static, wait: bool) -> io::Result<Self> {
+        let (to_write, full) = sync_channel(BUFFERS);
+        let (back, written) = sync_channel(BUFFERS);
+        let thread = thread::Builder::new()
+            .name("lines".to_owned())
+            .spawn(move || write_all(out, &full, &back))?;
+        Ok(Self {
+            to_write: Some(to_write),
+            written,
+            empty: vec![Vec::new(); BUFFERS],
+            thread: Some(thread),
+            wait,
+            unread: false,
+            n_left_out: 0,
+            reported: None,
+        })
+    }
+
+    /// Prints what `write` puts into a buffer. Where the reader is behind, it is waited for as long as `stop` is not set; without
+    /// waiting, or in vain, the line is left out and counted.
+    ///
+    /// # Errors
+    ///
+    /// What kept this or an earlier line from being written.
+    pub(crate) fn print(
+        &mut self,
+        stop: &AtomicBool,
+        write: impl FnOnce(&mut Vec<u8>) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let Some(mut line) = self.empty_buffer(stop) else {
+            self.n_left_out += 1;
+            return Ok(());
+        };
+        line.clear();
+        write(&mut line)?;
+        match &self.to_write {
+            Some(to_write) if to_write.send(line).is_ok() => Ok(()),
+            // The thread ends early only with an error.
+            _ => self.result(),
+        }
+    }
+
+    fn empty_buffer(&mut self, stop: &AtomicBool) -> Option<Vec<u8>> {
+        self.empty.extend(self.written.try_iter());
+        if let Some(line) = self.empty.pop() {
+            self.unread = false;
+            return Some(line);
+        }
+        if !self.wait || self.unread {
+            return match self.written.try_recv() {
+                Ok(line) => Some(line),
+                Err(TryRecvError::Empty) => None,
+                // To be sent in vain, which tells why.
+                Err(TryRecvError::Disconnected) => Some(Vec::new()),
+            };
+        }
+        let line = self.wait_for_reader(stop);
+        self.unread = line.is_none();
+        line.map(Result::unwrap_or_default)
+    }
+
+    /// A buffer that was written, or that the thread has ended; `None` when `stop` is set and nobody reads any more.
+    fn wait_for_reader(&self, stop: &AtomicBool) -> Option<Result<Vec<u8>, RecvTimeoutError>> {
+        let mut silent_polls = 0;
+        while silent_polls < SILENT_POLLS {
+            match self.written.recv_timeout(POLL) {
+                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => silent_polls += 1,
+                Err(RecvTimeoutError::Timeout) => {}
+                done => return Some(done),
+            }
+        }
+        None
+    }
+
+    /// What is to be said of lines that were left out, when it is time to.
+    pub(crate) fn report(&mut self) -> Option<String> {
+        let (is_due, n_told) = match self.reported {
+            Some((told, n_told)) => (told.elapsed() >= REPORT_PERIOD, n_told),
+            None => (true, 0),
+        };
+        if self.n_left_out == n_told || !is_due {
+            return None;
+        }
+        self.reported = Some((Instant::now(), self.n_left_out));
+        Some(format!(
+            "standard output is not read in time: lines are left out, {} so far",
+            self.n_left_out
+        ))
+    }
+
+    /// Waits until all lines are read, or `stop` is set and nobody reads any more. Returns how many lines were left out.
+    ///
+    /// # Errors
+    ///
+    /// What kept a line from being written.
+    pub(crate) fn finish(&mut self, stop: &AtomicBool) -> io::Result<u64> {
+        self.to_write = None;
+        loop {
+            match self.wait_for_reader(stop) {
+                Some(Ok(line)) => self.empty.push(line),
+                // It has written the last line.
+                Some(Err(_)) => return self.result().map(|()| self.n_left_out),
+                None => return Ok(self.n_left_out + (BUFFERS - self.empty.len()) as u64),
+            }
+        }
+    }
+
+    /// The writing thread's result, once it has ended.
+    fn result(&mut self) -> io::Result<()> {
+        let result = self.thread.take().map_or(Ok(Ok(())), JoinHandle::join);
+        result.unwrap_or_else(|_| Err(io::Error::other("the thread that writes it has ended")))
+    }
+}
+
+fn write_all(
+    mut out: impl Write,
+    full: &Receiver<Vec<u8>>,
+    back: &SyncSender<Vec<u8>>,
+) -> io::Result<()> {
+    for line in full {
+        out.write_all(&line)?;
+        out.flush()?;
+        // There is room for all buffers.
+        drop(back.try_send(line));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Writes as many bytes as it is told to, then waits to be told again.
+    struct Reader {
+        allowed: Receiver<usize>,
+        left: usize,
+        read: SyncSender<Vec<u8>>,
+    }
+
+    impl Write for Reader {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            while self.left == 0 {
+                self.left = self.allowed.recv().map_err(|_| io::ErrorKind::BrokenPipe)?;
+            }
+            let n = bytes.len().min(self.left);
+            self.left -= n;
+            drop(self.read.send(bytes[..n].to_vec()));
+            Ok(n)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// Lines, what lets bytes through, and what was let through.
+    fn lines(wait: bool) -> (Lines, SyncSender<usize>, Receiver<Vec<u8>>) {
+        let (allow, allowed) = sync_channel(1000);
+        let (read, bytes) = sync_channel(1000);
+        let reader = Reader {
+            allowed,
+            left: 0,
+            read,
+        };
+        let lines = Lines::start(reader, wait).expect("a thread can start");
+        (lines, allow, bytes)
+    }
+
+    fn print(lines: &mut Lines, stop: &AtomicBool, n: usize) -> io::Result<()> {
+        lines.print(stop, |line| writeln!(line, "{n:03}"))
+    }
+
+    fn text(bytes: &Receiver<Vec<u8>>) -> String {
+        String::from_utf8(bytes.iter().flatten().collect()).expect("it is text")
+    }
+
+    #[test]
+    fn without_waiting_a_reader_that_stops_costs_lines_and_nothing_else() {
+        let (mut lines, allow, bytes) = lines(false);
+        let stop = AtomicBool::new(false);
+        for n in 0..100 {
+            print(&mut lines, &stop, n).expect("nothing fails");
+        }
+        let n_left_out = 100 - BUFFERS;
+        let said = lines.report().expect("it is said");
+        assert!(said.ends_with(&format!("{n_left_out} so far")), "{said}");
+        assert_eq!(lines.report(), None);
+        allow.send(10_000).expect("the thread lives");
+        assert_eq!(
+            lines.finish(&stop).expect("nothing fails"),
+            n_left_out as u64
+        );
+        let expected: String = (0..BUFFERS).map(|n| format!("{n:03}\n")).collect();
+        drop(lines);
+        assert_eq!(text(&bytes), expected);
+    }
+
+    #[test]
+    fn waiting_loses_nothing_and_a_stop_ends_it() {
+        let (mut lines, allow, bytes) = lines(true);
+        let stop = AtomicBool::new(false);
+        let slowly = thread::spawn(move || {
+            for _ in 0..100 {
+                allow.send(2).expect("the thread lives");
+                allow.send(2).expect("the thread lives");
+                thread::sleep(Duration::from_millis(1));
+            }
+            allow
+        });
+        for n in 0..100 {
+            print(&mut lines, &stop, n).expect("nothing fails");
+        }
+        // From here on nobody reads.
+        let allow = slowly.join().expect("it ends");
+        while bytes.try_iter().count() > 0 || lines.empty.len() < BUFFERS {
+            lines.empty.extend(lines.written.try_iter());
+        }
+        for n in 0..BUFFERS {
+            print(&mut lines, &stop, n).expect("nothing fails");
+        }
+        stop.store(true, Ordering::Relaxed);
+        for n in 0..5 {
+            print(&mut lines, &stop, n).expect("nothing fails");
+        }
+        let n_missing = lines.finish(&stop).expect("nothing fails");
+        assert_eq!(n_missing, BUFFERS as u64 + 5);
+        drop(allow);
+    }
+
+    #[test]
+    fn a_reader_that_goes_is_an_error_for_the_next_line_or_the_end() {
+        for wait in [false, true] {
+            let (mut lines, allow, _bytes) = lines(wait);
+            let stop = AtomicBool::new(false);
+            let printed = (0..BUFFERS).try_for_each(|n| print(&mut lines, &stop, n));
+            printed.expect("all have room");
+            drop(allow);
+            let result = print(&mut lines, &stop, 0).and_then(|()| lines.finish(&stop));
+            let error = result.expect_err("the pipe is broken");
+            assert_eq!(error.kind(), io::ErrorKind::BrokenPipe);
+        }
+    }
+}
