@@ -1,6 +1,6 @@
 //! What each command does: from parsed arguments to the end of the program.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,6 +10,7 @@ use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
 use crate::calibration::{self, Calibration};
 use crate::cli::{Cli, Command, MarkersCommand};
+use crate::lines::StoppableWriter;
 use crate::marker::check::{check, table};
 use crate::marker::design::design;
 use crate::marker::sheet::{Layout, pdf, svg_pages};
@@ -19,7 +20,8 @@ use crate::recording::recover;
 use crate::run::background::{learn_background, learn_view};
 use crate::run::{Completion, run};
 use crate::source::devices;
-use crate::watch;
+use crate::status::can_redraw;
+use crate::watch::{self, WatchError};
 
 /// Does what the arguments say, until it is done or a signal ends it.
 ///
@@ -50,9 +52,21 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
             frames,
             json,
         } => {
-            // It writes from another thread.
+            // The lines are written by another thread.
             drop(out);
-            watch::watch(service, *frames, *json, &stop, std::io::stdout())?;
+            let mut out = std::io::stdout();
+            if !json && can_redraw(&out) {
+                watch::watch_table(service, *frames, &stop, &mut out)?;
+            } else {
+                let mut out = StoppableWriter::start(out, &stop).context("standard output")?;
+                watch::watch(service, *frames, &stop, &mut out)?;
+                match out.finish() {
+                    Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+                        return Err(WatchError::Write(error).into());
+                    }
+                    _ => {}
+                }
+            }
         }
         Command::Recover { file, output } => {
             let report = recover::recover(file, output)?;

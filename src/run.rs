@@ -30,7 +30,7 @@ mod record;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -39,13 +39,13 @@ use anyhow::Context;
 use crate::cli::RunArgs;
 use crate::lines::Lines;
 use crate::publish::Publisher;
-use crate::recording::record::Recorder;
+use crate::recording::series::Series;
 use crate::run::capture::{Counters, capture, open_source};
 use crate::run::process::{ProcessStage, Sink};
-use crate::run::record::{Recording, record};
+use crate::run::record::{FloorWish, Recording, record};
 use crate::setup::Setup;
 use crate::slot::{Slot, SourceInfo};
-use crate::status::{Status, tell};
+use crate::status::{Status, counted, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
 const SLOTS: usize = 16;
@@ -146,7 +146,10 @@ pub fn run(
     let recorder = args
         .record
         .as_ref()
-        .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
+        .map(|path| {
+            let (mode, limits) = (args.image_mode(), args.record_limits());
+            Series::create(path, &info, &setup.provenance, mode, limits)
+        })
         .transpose()?;
     setup.announce(args, &info);
     tell_controls(&info);
@@ -173,17 +176,23 @@ pub fn run(
             )
         }
     })?;
+    let (say, said) = channel();
     let (sink, recording) = match recorder {
         None => (Sink::Free(to_capture), None),
         Some(recorder) => {
             let (to_record, queue) = sync_channel(RECORD_QUEUE);
             let back = to_capture.clone();
-            let thread = spawn("record", move || record(recorder, &queue, &back))?;
+            let wish = Arc::new(FloorWish::none());
+            let thread = spawn("record", {
+                let wish = Arc::clone(&wish);
+                move || record(recorder, &queue, &back, &wish, &say)
+            })?;
             (
                 Sink::Recorder {
                     to_record,
                     to_capture,
                     wait: !info.live,
+                    wish,
                 },
                 Some(thread),
             )
@@ -196,6 +205,7 @@ pub fn run(
         publisher,
         sink,
         status: Status::new(info.live),
+        said: &said,
         relearn,
         relearning: false,
         lines: lines
@@ -216,6 +226,9 @@ pub fn run(
     let recorded = recording
         .map(|thread| joined(thread, "record"))
         .transpose()?;
+    for message in said.try_iter() {
+        tell(format_args!("overcam: {message}"));
+    }
     let captured = if capture_ended {
         joined(capture, "capture")?
     } else {
@@ -227,7 +240,6 @@ pub fn run(
         books,
         &counters,
         recorded,
-        args,
         processed.and(captured.map_err(Into::into)),
     )
 }
@@ -253,7 +265,6 @@ fn finish(
     mut books: Books,
     counters: &Counters,
     recording: Option<Recording>,
-    args: &RunArgs,
     result: anyhow::Result<()>,
 ) -> anyhow::Result<Completion> {
     let mut report = String::new();
@@ -263,12 +274,11 @@ fn finish(
         books.recorded -= lost;
         books.unrecorded += lost;
         let megabytes = recording.summary.bytes as f64 / 1e6;
-        let path = args
-            .record
-            .as_ref()
-            .map(|path| path.display().to_string())
-            .unwrap_or_default();
-        report = format!("; {} frames ({megabytes:.1} MB) in {path}", books.recorded);
+        report = format!(
+            "; {} ({megabytes:.1} MB) in {}",
+            counted(books.recorded, "frame"),
+            recording.files
+        );
         if books.unrecorded > 0 {
             report += &format!(", {} lost from it", books.unrecorded);
         }
@@ -291,7 +301,8 @@ fn finish(
         String::new()
     };
     tell(format_args!(
-        "overcam: {captured} frames: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}"
+        "overcam: {}: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}",
+        counted(captured, "frame")
     ));
     result?;
     let lost_from_recording =

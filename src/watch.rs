@@ -11,7 +11,7 @@
 mod table;
 
 use std::fmt;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -27,9 +27,8 @@ use iceoryx2::service::port_factory::publish_subscribe;
 use scene::Scene;
 
 use crate::json;
-use crate::lines::Lines;
 use crate::publish::{Ipc, NameError, node, service_name};
-use crate::status::{can_redraw, counted, tell};
+use crate::status::{counted, tell};
 use table::Screen;
 
 /// Longest wait before the stop flag is looked at.
@@ -80,8 +79,8 @@ pub enum WatchError {
     Write(#[from] io::Error),
 }
 
-/// Prints the scenes published on `service` to `out`, until `frames` are printed or `stop` is set: as a table if it is a terminal and
-/// `json` does not say otherwise, else as one JSON object a line. A closed pipe behind `out` ends it like a stop.
+/// Prints the scenes published on `service` to `out`, one JSON object a line, until `frames` are printed or `stop` is set.
+/// A closed pipe behind `out` ends it like a stop.
 ///
 /// # Errors
 ///
@@ -89,24 +88,41 @@ pub enum WatchError {
 pub fn watch(
     service: &str,
     frames: Option<u64>,
-    json: bool,
     stop: &AtomicBool,
-    out: impl Write + IsTerminal + Send + 'static,
+    out: &mut impl Write,
+) -> Result<(), WatchError> {
+    show(service, frames, stop, Output::json(out))
+}
+
+/// Shows the newest of the scenes published on `service` as a table on `out`, standard output and a terminal, until so many have come
+/// or `stop` is set.
+///
+/// # Errors
+///
+/// See [`WatchError`]. A service that does not exist is not an error but waited for.
+pub fn watch_table(
+    service: &str,
+    frames: Option<u64>,
+    stop: &AtomicBool,
+    out: &mut impl Write,
+) -> Result<(), WatchError> {
+    show(service, frames, stop, Output::Table(Screen::new(out)))
+}
+
+fn show<W: Write>(
+    service: &str,
+    frames: Option<u64>,
+    stop: &AtomicBool,
+    mut output: Output<'_, W>,
 ) -> Result<(), WatchError> {
     let name = service_name(service)?;
     set_log_level(LogLevel::Fatal);
     let Some(connection) = Connection::wait_for(name, stop)? else {
         return Ok(());
     };
-    let mut output = if !json && can_redraw(&out) {
-        Output::Table(Screen::new(name.to_string(), out))
-    } else {
-        Output::Json(Lines::start(out, true)?)
-    };
     let mut progress = Progress::new(name);
     progress.quiet = matches!(output, Output::Table(_));
-    let result = print_scenes(&connection, frames, stop, &mut progress, &mut output)
-        .and_then(|()| Ok(output.finish(stop)?));
+    let result = show_scenes(&connection, frames, stop, &mut progress, &mut output);
     progress.report_missing();
     match result {
         Err(WatchError::Write(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -114,12 +130,12 @@ pub fn watch(
     }
 }
 
-fn print_scenes<W: Write>(
+fn show_scenes<W: Write>(
     connection: &Connection,
     frames: Option<u64>,
     stop: &AtomicBool,
     progress: &mut Progress,
-    output: &mut Output<W>,
+    output: &mut Output<'_, W>,
 ) -> Result<(), WatchError> {
     let mut remaining = frames.unwrap_or(u64::MAX);
     while remaining > 0 && !stop.load(Ordering::Relaxed) {
@@ -130,39 +146,50 @@ fn print_scenes<W: Write>(
             continue;
         };
         progress.received(sample.header().publisher_id(), sample.sequence);
-        output.print(&sample, progress.n_missing, stop)?;
+        output.show(&sample, progress)?;
         remaining -= 1;
     }
+    output.finish()?;
     Ok(())
 }
 
 /// How scenes are shown.
-enum Output<W> {
+enum Output<'a, W> {
     /// As the lines of `--json`.
-    Json(Lines),
+    Json { out: &'a mut W, line: Vec<u8> },
     /// The newest one in a table.
-    Table(Screen<W>),
+    Table(Screen<'a, W>),
 }
 
-impl<W: Write> Output<W> {
-    fn print(&mut self, scene: &Scene, n_missing: u64, stop: &AtomicBool) -> io::Result<()> {
+impl<'a, W: Write> Output<'a, W> {
+    fn json(out: &'a mut W) -> Self {
+        let line = Vec::new();
+        Self::Json { out, line }
+    }
+
+    fn show(&mut self, scene: &Scene, progress: &Progress) -> io::Result<()> {
         match self {
-            Self::Json(lines) => lines.print(stop, |line| json::write_line(scene, line)),
-            Self::Table(screen) => screen.take(scene, n_missing),
+            Self::Json { out, line } => {
+                line.clear();
+                json::write_line(scene, line)?;
+                out.write_all(line)
+            }
+            Self::Table(screen) => {
+                screen.take(scene, progress.service.as_str(), progress.n_missing)
+            }
         }
     }
 
     fn while_waiting(&mut self) -> io::Result<()> {
         match self {
-            Self::Json(_) => Ok(()),
+            Self::Json { out, .. } => out.flush(),
             Self::Table(screen) => screen.draw_when_due(),
         }
     }
 
-    fn finish(&mut self, stop: &AtomicBool) -> io::Result<()> {
+    fn finish(&mut self) -> io::Result<()> {
         match self {
-            // What a reader that has stopped did not read is nobody's loss.
-            Self::Json(lines) => lines.finish(stop).map(drop),
+            Self::Json { out, .. } => out.flush(),
             Self::Table(screen) => screen.finish(),
         }
     }
