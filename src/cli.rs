@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueHint};
+use clap_complete::Shell;
 use imgproc::Size;
 
 use crate::frame::PixelFormat;
@@ -62,6 +63,16 @@ pub enum Command {
         /// The new file
         #[arg(short, long)]
         output: PathBuf,
+    },
+    /// Print the manual page, for man: overcam man > overcam.1
+    Man,
+    /// Print a script that makes a shell complete the arguments
+    ///
+    /// bash: overcam completions bash > ~/.local/share/bash-completion/completions/overcam. zsh: into a file _overcam of a folder in
+    /// $fpath. fish: > ~/.config/fish/completions/overcam.fish. elvish and powershell: read it in at the start.
+    Completions {
+        /// The shell
+        shell: Shell,
     },
 }
 
@@ -131,7 +142,7 @@ pub enum MarkersCommand {
 #[derive(Debug, Args)]
 pub struct SourceArgs {
     /// Camera node, .mcap recording, .y4m file, - for Y4M on standard input, folder of PNG/JPEG files, or demo
-    #[arg(long, default_value = "demo")]
+    #[arg(long, default_value = "demo", value_hint = ValueHint::AnyPath)]
     pub device: String,
     /// Size of the camera's or the demo's frames, as 640x480
     #[arg(long, value_parser = parse_size)]

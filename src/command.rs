@@ -1,6 +1,8 @@
 //! What each command does: from parsed arguments to the end of the program.
 
-use std::io::{ErrorKind, Write};
+mod man;
+
+use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -21,7 +23,7 @@ use crate::run::background::{learn_background, learn_view};
 use crate::run::{Completion, run};
 use crate::source::devices;
 use crate::status::can_redraw;
-use crate::watch::{self, WatchError};
+use crate::watch;
 
 /// Does what the arguments say, until it is done or a signal ends it.
 ///
@@ -60,13 +62,12 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
             } else {
                 let mut out = StoppableWriter::start(out, &stop).context("standard output")?;
                 watch::watch(service, *frames, &stop, &mut out)?;
-                match out.finish() {
-                    Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-                        return Err(WatchError::Write(error).into());
-                    }
-                    _ => {}
-                }
+                unless_unread(out.finish())?;
             }
+        }
+        Command::Man => unless_unread(man::print_man(&mut out))?,
+        Command::Completions { shell } => {
+            unless_unread(man::print_completions(*shell, &mut out))?;
         }
         Command::Recover { file, output } => {
             let report = recover::recover(file, output)?;
@@ -81,6 +82,14 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         }
     }
     Ok(Completion::Done)
+}
+
+/// A reader of standard output that has seen enough is no error.
+fn unless_unread(result: io::Result<()>) -> anyhow::Result<()> {
+    match result {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        result => result.context("standard output"),
+    }
 }
 
 fn markers(
