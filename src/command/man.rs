@@ -200,6 +200,8 @@ fn add_commands(parent: &Command, page: &mut String) -> io::Result<()> {
         for line in content.lines().filter(|line| !is_preamble(line)).skip(1) {
             match line {
                 ".SH OPTIONS" => {}
+                // Before the values that an argument may have, where an empty line does.
+                ".br" => {}
                 _ if line.starts_with(".SH") => *page += ".PP\n",
                 _ => {
                     *page += line;
