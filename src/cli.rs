@@ -2,11 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueHint};
+use clap_complete::Shell;
 use imgproc::Size;
 
 use crate::frame::PixelFormat;
 use crate::recording::image_message::ImageMode;
+use crate::recording::series::Limits;
 use crate::settings::Settings;
 use crate::source::camera::Wish;
 use crate::source::controls::ControlWish;
@@ -61,6 +63,16 @@ pub enum Command {
         /// The new file
         #[arg(short, long)]
         output: PathBuf,
+    },
+    /// Print the manual page, for man: overcam man > overcam.1
+    Man,
+    /// Print a script that makes a shell complete the arguments
+    ///
+    /// bash: overcam completions bash > ~/.local/share/bash-completion/completions/overcam. zsh: into a file _overcam of a folder in
+    /// $fpath. fish: > ~/.config/fish/completions/overcam.fish. elvish and powershell: read it in at the start.
+    Completions {
+        /// The shell
+        shell: Shell,
     },
 }
 
@@ -130,7 +142,7 @@ pub enum MarkersCommand {
 #[derive(Debug, Args)]
 pub struct SourceArgs {
     /// Camera node, .mcap recording, .y4m file, - for Y4M on standard input, folder of PNG/JPEG files, or demo
-    #[arg(long, default_value = "demo")]
+    #[arg(long, default_value = "demo", value_hint = ValueHint::AnyPath)]
     pub device: String,
     /// Size of the camera's or the demo's frames, as 640x480; without it the camera's largest up to 1920x1080 that it gives at 25
     /// frames/s or more
@@ -205,6 +217,12 @@ pub struct RunArgs {
     /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
     #[arg(long, value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
     pub record_jpeg: Option<u8>,
+    /// Go on in a new file, FILE-2, FILE-3 and so on, before one grows larger than this, in gigabytes (10^9 bytes)
+    #[arg(long, value_name = "GB", requires = "record", value_parser = parse_gigabytes)]
+    pub record_max: Option<f64>,
+    /// Go on in a new file, FILE-2, FILE-3 and so on, after this many minutes
+    #[arg(long, value_name = "N", requires = "record", value_parser = parse_minutes)]
+    pub record_minutes: Option<f64>,
     /// The empty floor: a PNG file of `overcam background`, or a picture of it, PNG or JPEG
     #[arg(long, value_name = "FILE", conflicts_with = "learn")]
     pub background: Option<PathBuf>,
@@ -254,6 +272,15 @@ impl RunArgs {
             .map_or(ImageMode::Lossless, |quality| ImageMode::Jpeg { quality })
     }
 
+    /// When the recording goes on in a new file.
+    #[must_use]
+    pub fn record_limits(&self) -> Limits {
+        Limits {
+            bytes: self.record_max.map(|gigabytes| (gigabytes * 1e9) as u64),
+            duration_ns: self.record_minutes.map(|minutes| (minutes * 60e9) as u64),
+        }
+    }
+
     /// `settings`, as far as the arguments say nothing else.
     #[must_use]
     pub fn settings(&self, settings: Settings) -> Settings {
@@ -277,6 +304,20 @@ fn parse_size(text: &str) -> Result<Size, String> {
         width: side(width)?,
         height: side(height)?,
     })
+}
+
+fn parse_gigabytes(text: &str) -> Result<f64, &'static str> {
+    match text.parse::<f64>() {
+        Ok(gigabytes) if (0.001..=1_000_000.0).contains(&gigabytes) => Ok(gigabytes),
+        _ => Err("a file has 0.001 to 1000000 gigabytes"),
+    }
+}
+
+fn parse_minutes(text: &str) -> Result<f64, &'static str> {
+    match text.parse::<f64>() {
+        Ok(minutes) if (0.01..=1_000_000.0).contains(&minutes) => Ok(minutes),
+        _ => Err("a file has 0.01 to 1000000 minutes"),
+    }
 }
 
 fn parse_millimetres(text: &str) -> Result<f32, &'static str> {

@@ -1,6 +1,8 @@
 //! What each command does: from parsed arguments to the end of the program.
 
-use std::io::Write;
+mod man;
+
+use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,6 +12,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
 use crate::calibration::{self, Calibration};
 use crate::cli::{Cli, Command, MarkersCommand};
+use crate::lines::StoppableWriter;
 use crate::marker::check::{check, table};
 use crate::marker::design::design;
 use crate::marker::sheet::{Layout, pdf, svg_pages};
@@ -52,14 +55,20 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
             frames,
             json,
         } => {
-            // It writes from another thread.
+            // The lines are written by another thread.
             drop(out);
-            let out = std::io::stdout();
-            let form = match !*json && can_redraw(&out) {
-                true => watch::Form::Table,
-                false => watch::Form::Json,
-            };
-            watch::watch(service, *frames, form, &stop, out)?;
+            let mut out = std::io::stdout();
+            if !json && can_redraw(&out) {
+                watch::watch_table(service, *frames, &stop, &mut out)?;
+            } else {
+                let mut out = StoppableWriter::start(out, &stop).context("standard output")?;
+                watch::watch(service, *frames, &stop, &mut out)?;
+                unless_unread(out.finish())?;
+            }
+        }
+        Command::Man => unless_unread(man::print_man(&mut out))?,
+        Command::Completions { shell } => {
+            unless_unread(man::print_completions(*shell, &mut out))?;
         }
         Command::Recover { file, output } => {
             let report = recover::recover(file, output)?;
@@ -84,6 +93,14 @@ fn ignores(signal: i32) -> bool {
         .find_map(|line| line.strip_prefix("SigIgn:"))
         .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
     mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+/// A reader of standard output that has seen enough is no error.
+fn unless_unread(result: io::Result<()>) -> anyhow::Result<()> {
+    match result {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        result => result.context("standard output"),
+    }
 }
 
 fn markers(

@@ -157,6 +157,48 @@ impl Lines {
     }
 }
 
+/// Standard output for whoever writes whole lines: waits for the reader as long as `stop` is not set.
+#[derive(Debug)]
+pub(crate) struct StoppableWriter<'a> {
+    lines: Lines,
+    stop: &'a AtomicBool,
+}
+
+impl<'a> StoppableWriter<'a> {
+    /// Starts to write to `out`.
+    ///
+    /// # Errors
+    ///
+    /// When the thread cannot start.
+    pub(crate) fn start(
+        out: impl Write + Send + 'static,
+        stop: &'a AtomicBool,
+    ) -> io::Result<Self> {
+        Lines::start(out, true).map(|lines| Self { lines, stop })
+    }
+
+    /// Waits until all is read, or `stop` is set and nobody reads any more.
+    ///
+    /// # Errors
+    ///
+    /// What kept a line from being written.
+    pub(crate) fn finish(mut self) -> io::Result<()> {
+        self.lines.finish(self.stop).map(drop)
+    }
+}
+
+impl Write for StoppableWriter<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.lines.print(self.stop, |line| line.write_all(bytes))?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        // The thread does so after each line.
+        Ok(())
+    }
+}
+
 fn write_all(
     mut out: impl Write,
     full: &Receiver<Vec<u8>>,

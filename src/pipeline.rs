@@ -140,6 +140,12 @@ impl Pipeline {
         }
     }
 
+    /// The floor that is in use, as it was kept true so far; `None` before one is known. Takes memory.
+    #[must_use]
+    pub fn floor(&self) -> Option<Floor> {
+        self.segmenter.as_ref().map(|segmenter| segmenter.floor())
+    }
+
     /// Processes the slot's frame. A background in the slot replaces the one in use; one that was learned is put into the slot
     /// of the first frame that it is used for.
     ///

@@ -1,6 +1,6 @@
 //! Recordings: frames, results and their making in an MCAP file.
 //!
-//! [`record`] writes one, [`replay`] reads it back as a source of frames, and [`recover`] completes one that was cut off.
+//! [`record`] writes one, [`series`] in several files, [`replay`] reads it back as a source of frames, and [`recover`] completes one that was cut off.
 //! [`topics`] lists what is in it: frames are stored by [`image_message`], results are drawn by `annotate`, and [`provenance`] is what
 //! a replay must know to give the same results. `records` reads the file's raw records.
 
@@ -11,4 +11,5 @@ pub mod record;
 mod records;
 pub mod recover;
 pub mod replay;
+pub mod series;
 pub mod topics;

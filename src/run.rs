@@ -33,7 +33,7 @@ mod record;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -42,16 +42,16 @@ use anyhow::Context;
 use crate::cli::RunArgs;
 use crate::lines::Lines;
 use crate::publish::Publisher;
-use crate::recording::record::Recorder;
+use crate::recording::series::Series;
 use crate::run::capture::{Counters, Orders, capture, open_source};
 use crate::run::heartbeat::Heartbeat;
 use crate::run::pace::Pace;
 use crate::run::process::{ProcessStage, Sink};
-use crate::run::record::{Recording, record};
+use crate::run::record::{FloorWish, Recording, record};
 use crate::setup::Setup;
 use crate::slot::Slot;
 use crate::source::Source;
-use crate::status::{Status, tell};
+use crate::status::{Status, counted, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
 const SLOTS: usize = 16;
@@ -156,7 +156,10 @@ pub fn run(
     let recorder = args
         .record
         .as_ref()
-        .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
+        .map(|path| {
+            let (mode, limits) = (args.image_mode(), args.record_limits());
+            Series::create(path, &info, &setup.provenance, mode, limits)
+        })
         .transpose()?;
     setup.announce(args, &info);
     tell_camera(&source);
@@ -174,17 +177,23 @@ pub fn run(
         };
         move || capture(source, orders, &free, &to_process, &stop, &counters)
     })?;
+    let (say, said) = channel();
     let (sink, recording) = match recorder {
         None => (Sink::Free(to_capture), None),
         Some(recorder) => {
             let (to_record, queue) = sync_channel(RECORD_QUEUE);
             let back = to_capture.clone();
-            let thread = spawn("record", move || record(recorder, &queue, &back))?;
+            let wish = Arc::new(FloorWish::none());
+            let thread = spawn("record", {
+                let wish = Arc::clone(&wish);
+                move || record(recorder, &queue, &back, &wish, &say)
+            })?;
             (
                 Sink::Recorder {
                     to_record,
                     to_capture,
                     wait: !info.live,
+                    wish,
                 },
                 Some(thread),
             )
@@ -198,6 +207,7 @@ pub fn run(
         publisher,
         sink,
         status: Status::new(info.live),
+        said: &said,
         relearn,
         relearning: false,
         lines: lines
@@ -221,6 +231,9 @@ pub fn run(
     let recorded = recording
         .map(|thread| joined(thread, "record"))
         .transpose()?;
+    for message in said.try_iter() {
+        tell(format_args!("overcam: {message}"));
+    }
     let captured = if capture_ended {
         joined(capture, "capture")?
     } else {
@@ -232,7 +245,6 @@ pub fn run(
         books,
         &counters,
         recorded,
-        args,
         processed.and(captured.map_err(Into::into)),
     )
 }
@@ -258,7 +270,6 @@ fn finish(
     mut books: Books,
     counters: &Counters,
     recording: Option<Recording>,
-    args: &RunArgs,
     result: anyhow::Result<()>,
 ) -> anyhow::Result<Completion> {
     let mut report = String::new();
@@ -268,12 +279,11 @@ fn finish(
         books.recorded -= lost;
         books.unrecorded += lost;
         let megabytes = recording.summary.bytes as f64 / 1e6;
-        let path = args
-            .record
-            .as_ref()
-            .map(|path| path.display().to_string())
-            .unwrap_or_default();
-        report = format!("; {} frames ({megabytes:.1} MB) in {path}", books.recorded);
+        report = format!(
+            "; {} ({megabytes:.1} MB) in {}",
+            counted(books.recorded, "frame"),
+            recording.files
+        );
         if books.unrecorded > 0 {
             report += &format!(", {} lost from it", books.unrecorded);
         }
@@ -296,7 +306,8 @@ fn finish(
         String::new()
     };
     tell(format_args!(
-        "overcam: {captured} frames: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}"
+        "overcam: {}: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}",
+        counted(captured, "frame")
     ));
     result?;
     let lost_from_recording =

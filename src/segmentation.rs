@@ -161,6 +161,11 @@ impl Segmenter {
         self.covered.fill(0);
     }
 
+    /// The floor as it was kept true so far.
+    pub(crate) fn floor(&self) -> Floor {
+        self.upkeep.floor()
+    }
+
     /// What stands in a picture.
     ///
     /// # Panics

@@ -9,6 +9,7 @@ use crate::floor::region::Region;
 use crate::marker::{Family, built_in_files, read_folder};
 use crate::pipeline::Pipeline;
 use crate::recording::provenance::Provenance;
+use crate::recording::series::size_estimate;
 use crate::settings::Settings;
 use crate::slot::{Slot, SourceInfo};
 use crate::source::Source;
@@ -178,7 +179,11 @@ impl Setup {
             ));
         }
         if let Some(path) = &args.record {
-            tell(format_args!("overcam: recording to {}", path.display()));
+            tell(format_args!(
+                "overcam: recording to {}: {}",
+                path.display(),
+                size_estimate(info, args.image_mode())
+            ));
         }
     }
 }

@@ -45,6 +45,8 @@ pub struct Slot {
     /// The empty floor that applies from this frame on, if it changes here. A source sets it where it knows
     /// the floor (the demo, a recording), the pipeline sets it when it has learned one.
     pub background: Option<Floor>,
+    /// The floor as it was kept true up to this frame, where the recorder has asked for it to begin a new file.
+    pub floor_in_use: Option<Floor>,
     /// What was found in the frame.
     pub scene: Box<scene::Scene>,
 }
@@ -57,6 +59,7 @@ impl Slot {
             frame: Frame::empty(),
             passed_over: false,
             background: None,
+            floor_in_use: None,
             scene: Box::new(scene::Scene::EMPTY),
         }
     }

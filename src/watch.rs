@@ -27,7 +27,6 @@ use iceoryx2::service::port_factory::publish_subscribe;
 use scene::Scene;
 
 use crate::json;
-use crate::lines::Lines;
 use crate::publish::{Ipc, NameError, node, service_name};
 use crate::status::{counted, tell};
 use table::Screen;
@@ -80,17 +79,8 @@ pub enum WatchError {
     Write(#[from] io::Error),
 }
 
-/// How scenes are shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
-    /// As the lines of `--json`.
-    Json,
-    /// The newest one in a table, drawn anew in place: for a terminal.
-    Table,
-}
-
-/// Prints the scenes published on `service` to `out`, until `frames` are printed or `stop` is set. A closed pipe behind `out` ends it like
-/// a stop.
+/// Prints the scenes published on `service` to `out`, one JSON object a line, until `frames` are printed or `stop` is set.
+/// A closed pipe behind `out` ends it like a stop.
 ///
 /// # Errors
 ///
@@ -98,23 +88,41 @@ pub enum Form {
 pub fn watch(
     service: &str,
     frames: Option<u64>,
-    form: Form,
     stop: &AtomicBool,
-    out: impl Write + Send + 'static,
+    out: &mut impl Write,
+) -> Result<(), WatchError> {
+    show(service, frames, stop, Output::json(out))
+}
+
+/// Shows the newest of the scenes published on `service` as a table on `out`, standard output and a terminal, until so many have come
+/// or `stop` is set.
+///
+/// # Errors
+///
+/// See [`WatchError`]. A service that does not exist is not an error but waited for.
+pub fn watch_table(
+    service: &str,
+    frames: Option<u64>,
+    stop: &AtomicBool,
+    out: &mut impl Write,
+) -> Result<(), WatchError> {
+    show(service, frames, stop, Output::Table(Screen::new(out)))
+}
+
+fn show<W: Write>(
+    service: &str,
+    frames: Option<u64>,
+    stop: &AtomicBool,
+    mut output: Output<'_, W>,
 ) -> Result<(), WatchError> {
     let name = service_name(service)?;
     set_log_level(LogLevel::Fatal);
     let Some(connection) = Connection::wait_for(name, stop)? else {
         return Ok(());
     };
-    let mut output = match form {
-        Form::Json => Output::Json(Lines::start(out, true)?),
-        Form::Table => Output::Table(Screen::new(name.to_string(), out)),
-    };
     let mut progress = Progress::new(name);
     progress.quiet = matches!(output, Output::Table(_));
-    let result = print_scenes(&connection, frames, stop, &mut progress, &mut output)
-        .and_then(|()| Ok(output.finish(stop)?));
+    let result = show_scenes(&connection, frames, stop, &mut progress, &mut output);
     progress.report_missing();
     match result {
         Err(WatchError::Write(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -122,12 +130,12 @@ pub fn watch(
     }
 }
 
-fn print_scenes<W: Write>(
+fn show_scenes<W: Write>(
     connection: &Connection,
     frames: Option<u64>,
     stop: &AtomicBool,
     progress: &mut Progress,
-    output: &mut Output<W>,
+    output: &mut Output<'_, W>,
 ) -> Result<(), WatchError> {
     let mut remaining = frames.unwrap_or(u64::MAX);
     while remaining > 0 && !stop.load(Ordering::Relaxed) {
@@ -138,37 +146,50 @@ fn print_scenes<W: Write>(
             continue;
         };
         progress.received(sample.header().publisher_id(), sample.sequence);
-        output.print(&sample, progress.n_missing, stop)?;
+        output.show(&sample, progress)?;
         remaining -= 1;
     }
+    output.finish()?;
     Ok(())
 }
 
-/// Where scenes are shown.
-enum Output<W> {
-    Json(Lines),
-    Table(Screen<W>),
+/// How scenes are shown.
+enum Output<'a, W> {
+    /// As the lines of `--json`.
+    Json { out: &'a mut W, line: Vec<u8> },
+    /// The newest one in a table.
+    Table(Screen<'a, W>),
 }
 
-impl<W: Write> Output<W> {
-    fn print(&mut self, scene: &Scene, n_missing: u64, stop: &AtomicBool) -> io::Result<()> {
+impl<'a, W: Write> Output<'a, W> {
+    fn json(out: &'a mut W) -> Self {
+        let line = Vec::new();
+        Self::Json { out, line }
+    }
+
+    fn show(&mut self, scene: &Scene, progress: &Progress) -> io::Result<()> {
         match self {
-            Self::Json(lines) => lines.print(stop, |line| json::write_line(scene, line)),
-            Self::Table(screen) => screen.take(scene, n_missing),
+            Self::Json { out, line } => {
+                line.clear();
+                json::write_line(scene, line)?;
+                out.write_all(line)
+            }
+            Self::Table(screen) => {
+                screen.take(scene, progress.service.as_str(), progress.n_missing)
+            }
         }
     }
 
     fn while_waiting(&mut self) -> io::Result<()> {
         match self {
-            Self::Json(_) => Ok(()),
+            Self::Json { out, .. } => out.flush(),
             Self::Table(screen) => screen.draw_when_due(),
         }
     }
 
-    fn finish(&mut self, stop: &AtomicBool) -> io::Result<()> {
+    fn finish(&mut self) -> io::Result<()> {
         match self {
-            // What a reader that has stopped did not read is nobody's loss.
-            Self::Json(lines) => lines.finish(stop).map(drop),
+            Self::Json { out, .. } => out.flush(),
             Self::Table(screen) => screen.finish(),
         }
     }

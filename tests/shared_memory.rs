@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver};
-use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -17,7 +16,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use overcam::json;
 use overcam::publish::{PublishError, Publisher, SUBSCRIBER_BUFFER, monotonic_ns};
-use overcam::watch::{Form, WatchError, watch};
+use overcam::watch::{WatchError, watch};
 use scene::{
     CLOCK_MONOTONIC, ForecastPoint, HAS_HEADING, KIND_MARKER, OBSERVED, SERVICE_SUFFIX, Scene,
 };
@@ -40,9 +39,7 @@ fn child() {
         STOP.store(true, Ordering::Relaxed);
     });
     let result = match role.as_str() {
-        "watch" => {
-            watch(&service, None, Form::Json, &STOP, io::stdout()).map_err(|e| e.to_string())
-        }
+        "watch" => watch(&service, None, &STOP, &mut std::io::stdout()).map_err(|e| e.to_string()),
         "publish" => publish_until(&service, &STOP).map_err(|e| e.to_string()),
         other => Err(format!("no role `{other}`")),
     };
@@ -378,33 +375,17 @@ fn a_watcher_waits_for_the_service_and_notices_that_its_publisher_died() {
     assert!(!exists(&service), "something was left behind");
 }
 
-/// What a reader has read, who closes the pipe after so many lines.
-#[derive(Clone)]
-struct Reader {
-    lines: Arc<Mutex<Vec<u8>>>,
-    n_most: usize,
+/// A pipe whose reader goes away after some lines.
+struct ClosedPipe {
+    lines_left: usize,
 }
 
-impl Reader {
-    fn of(n_most: usize) -> Self {
-        Self {
-            lines: Arc::default(),
-            n_most,
-        }
-    }
-
-    fn n_lines(&self) -> usize {
-        let lines = self.lines.lock().expect("no panic");
-        lines.iter().filter(|&&byte| byte == b'\n').count()
-    }
-}
-
-impl Write for Reader {
+impl Write for ClosedPipe {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.n_lines() == self.n_most {
+        if self.lines_left == 0 {
             return Err(io::ErrorKind::BrokenPipe.into());
         }
-        self.lines.lock().expect("no panic").extend(bytes);
+        self.lines_left -= 1;
         Ok(bytes.len())
     }
 
@@ -418,10 +399,11 @@ fn a_watcher_ends_after_its_frames_and_with_its_pipe() {
     let service = unique("ends");
     let mut publisher = Publisher::open(&service).expect("the service is free");
     let stop = AtomicBool::new(false);
-    let (patient, gone) = (Reader::of(usize::MAX), Reader::of(2));
+    let mut printed = Vec::new();
+    let mut pipe = ClosedPipe { lines_left: 2 };
     thread::scope(|scope| {
-        let counted = scope.spawn(|| watch(&service, Some(3), Form::Json, &stop, patient.clone()));
-        let piped = scope.spawn(|| watch(&service, None, Form::Json, &stop, gone.clone()));
+        let counted = scope.spawn(|| watch(&service, Some(3), &stop, &mut printed));
+        let piped = scope.spawn(|| watch(&service, None, &stop, &mut pipe));
         let deadline = Instant::now() + PATIENCE;
         while !(counted.is_finished() && piped.is_finished()) && Instant::now() < deadline {
             publisher.send(&Scene::EMPTY).expect("published");
@@ -431,7 +413,8 @@ fn a_watcher_ends_after_its_frames_and_with_its_pipe() {
         counted.join().expect("no panic").expect("no error");
         piped.join().expect("no panic").expect("no error");
     });
-    assert_eq!((patient.n_lines(), gone.n_lines()), (3, 2));
+    assert_eq!(printed.iter().filter(|&&byte| byte == b'\n').count(), 3);
+    assert_eq!(pipe.lines_left, 0);
 }
 
 #[test]
@@ -482,14 +465,13 @@ fn another_layout_is_refused_and_not_misread() {
         matches!(refused, PublishError::Incompatible { .. }),
         "{refused}"
     );
-    let printed = Reader::of(usize::MAX);
-    let never = AtomicBool::new(false);
-    let refused = watch(&service, Some(1), Form::Json, &never, printed.clone());
+    let mut printed = Vec::new();
+    let refused = watch(&service, Some(1), &AtomicBool::new(false), &mut printed);
     assert!(
         matches!(refused, Err(WatchError::Incompatible { .. })),
         "{refused:?}"
     );
-    assert_eq!(printed.n_lines(), 0);
+    assert!(printed.is_empty());
     drop(other);
 
     let _publisher = Publisher::open(&service).expect("the name is free again");

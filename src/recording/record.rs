@@ -32,8 +32,9 @@ use nalgebra::{Matrix3, RowVector3};
 use rustix::time::{ClockId, clock_gettime};
 use scene::{FRAME_FLOOR, FRAME_IMAGE};
 
+use crate::floor::Floor;
 use crate::recording::annotate;
-use crate::recording::image_message::{ImageEncoder, ImageError, ImageMode};
+use crate::recording::image_message::{ImageEncoder, ImageError, ImageMode, ImageSchema};
 use crate::recording::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
 use crate::recording::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
 use crate::slot::{Slot, SourceInfo};
@@ -47,9 +48,14 @@ pub const CHUNK_BYTES: usize = 8 << 20;
 /// size in 6.3 and 1.5 ms; lz4 reaches .64 and .99 in 3.1 and 2.0 ms, level 3 .40 and .58 in 8.7 and 12 ms.
 const ZSTD_LEVEL: u32 = 1;
 
+/// Room for the end of a file without its chunks: the schemas, channels and counts once more.
+const INDEX_BYTES_MAX: u64 = 128 << 10;
+/// Room for the entry of a chunk in the index at the end.
+const CHUNK_INDEX_BYTES_MAX: u64 = 256;
+
 pub(crate) type Mcap = mcap::Writer<NoSeek<BufWriter<File>>>;
 
-/// Writes a recording. Dropped without [`Recorder::finish`] it still closes the file as well as it can.
+/// Writes a recording into one file; a [`Series`](crate::recording::series::Series) writes several. Dropped without [`Recorder::finish`] it still closes the file as well as it can.
 pub struct Recorder {
     path: PathBuf,
     /// `None` after an error of the file: nothing can be written any more.
@@ -64,7 +70,12 @@ pub struct Recorder {
     /// [`FRAME_IMAGE`] or [`FRAME_FLOOR`].
     frame_of_results: u32,
     image_from_floor: Option<Matrix3<f64>>,
+    /// Number of the frame before, which may be in the file before.
     previous_sequence: Option<u64>,
+    /// Size that all messages of the next frame will hardly exceed.
+    frame_bytes_at_most: u64,
+    /// Chunks in the file, of which each has an entry in its index.
+    n_chunks: u64,
     chunk: OpenChunk,
     /// Stamp of the newest frame that is in the file.
     flushed_stamp_ns: Option<u64>,
@@ -81,6 +92,8 @@ struct OpenChunk {
     passed_over: u64,
     missing: u64,
     image_bytes: usize,
+    /// All messages, not compressed.
+    bytes: u64,
     newest_stamp_ns: Option<u64>,
 }
 
@@ -167,6 +180,43 @@ impl RecordError {
     }
 }
 
+/// What every file of a recording starts with.
+#[derive(Debug, Clone)]
+pub(crate) struct Start {
+    info: SourceInfo,
+    provenance: Provenance,
+    mode: ImageMode,
+}
+
+impl Start {
+    pub(crate) fn new(info: SourceInfo, provenance: Provenance, mode: ImageMode) -> Self {
+        Self {
+            info,
+            provenance,
+            mode,
+        }
+    }
+}
+
+/// What goes on from one file of a recording to the next.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Continuation<'a> {
+    wall_offset_ns: u64,
+    previous_sequence: Option<u64>,
+    /// The floor in use, and the stamp of the frame from which on it is.
+    floor: Option<(&'a Floor, u64)>,
+}
+
+impl<'a> Continuation<'a> {
+    /// With the floor from which the next file starts.
+    pub(crate) fn with_floor(self, floor: Option<&'a Floor>, stamp_ns: u64) -> Self {
+        Self {
+            floor: floor.map(|floor| (floor, stamp_ns)),
+            ..self
+        }
+    }
+}
+
 impl Recorder {
     /// Creates the file and writes everything that is known before the first frame.
     ///
@@ -179,8 +229,18 @@ impl Recorder {
         provenance: &Provenance,
         mode: ImageMode,
     ) -> Result<Self, RecordError> {
+        let start = Start::new(info.clone(), provenance.clone(), mode);
+        Self::start_file(path, &start, None)
+    }
+
+    /// Creates a file that begins a recording, or goes on with one.
+    pub(crate) fn start_file(
+        path: &Path,
+        start: &Start,
+        before: Option<&Continuation>,
+    ) -> Result<Self, RecordError> {
         let file = create_file(path)?;
-        Self::start(path, file, info, provenance, mode).map_err(|error| {
+        Self::start(path, file, start, before).map_err(|error| {
             // What is of no use must not stand in the way of the next attempt.
             let _ = fs::remove_file(path);
             write_error(path, 0, error)
@@ -190,15 +250,22 @@ impl Recorder {
     fn start(
         path: &Path,
         file: File,
-        info: &SourceInfo,
-        provenance: &Provenance,
-        mode: ImageMode,
+        Start {
+            info,
+            provenance,
+            mode,
+        }: &Start,
+        before: Option<&Continuation>,
     ) -> McapResult<Self> {
-        let wall_offset_ns = if info.live { wall_offset_ns() } else { 0 };
+        let wall_offset_ns = match before {
+            Some(before) => before.wall_offset_ns,
+            None if info.live => wall_offset_ns(),
+            None => 0,
+        };
         let mut mcap = open_mcap(file.try_clone()?)?;
         mcap.write_metadata(&Metadata {
             name: METADATA_NAME.to_owned(),
-            metadata: provenance::to_metadata(info, provenance, mode, wall_offset_ns),
+            metadata: provenance::to_metadata(info, provenance, *mode, wall_offset_ns),
         })?;
         for attached in provenance.attached_files() {
             attach(
@@ -209,12 +276,17 @@ impl Recorder {
                 wall_offset_ns,
             )?;
         }
+        if let Some((floor, stamp_ns)) = before.and_then(|before| before.floor) {
+            let log_time_ns = stamp_ns.wrapping_add(wall_offset_ns);
+            let png = floor.to_png();
+            attach(&mut mcap, BACKGROUND_NAME, "image/png", &png, log_time_ns)?;
+        }
         mcap.flush()?;
         Ok(Self {
             path: path.to_owned(),
             results: ResultChannels::add(&mut mcap)?,
             mcap: Some(mcap),
-            images: ImageEncoder::new(mode, info),
+            images: ImageEncoder::new(*mode, info),
             image_channels: Default::default(),
             wall_offset_ns,
             frame_of_results: if provenance.floor_from_image.is_some() {
@@ -223,7 +295,9 @@ impl Recorder {
                 FRAME_IMAGE
             },
             image_from_floor: provenance.floor_from_image.and_then(inverse),
-            previous_sequence: None,
+            previous_sequence: before.and_then(|before| before.previous_sequence),
+            frame_bytes_at_most: 0,
+            n_chunks: 0,
             chunk: OpenChunk::default(),
             flushed_stamp_ns: None,
             written: Summary {
@@ -233,6 +307,25 @@ impl Recorder {
             file,
             message: Vec::new(),
         })
+    }
+
+    /// What the next file of the recording must know.
+    pub(crate) fn continuation(&self) -> Continuation<'static> {
+        Continuation {
+            wall_offset_ns: self.wall_offset_ns,
+            previous_sequence: self.previous_sequence,
+            floor: None,
+        }
+    }
+
+    /// Size that the file will hardly exceed if it is finished after so many more frames like the last one, with twice as
+    /// many objects and, where pictures are compressed, twice as much in them.
+    pub(crate) fn bytes_at_most(&self, more_frames: u64) -> u64 {
+        self.written.bytes
+            + self.chunk.bytes
+            + more_frames * self.frame_bytes_at_most
+            + INDEX_BYTES_MAX
+            + self.n_chunks * CHUNK_INDEX_BYTES_MAX
     }
 
     /// Writes one frame, the background that applies from it on, and its results: the slot's scene, if the frame was processed
@@ -331,7 +424,7 @@ impl Recorder {
                 &annotate::warning(text, writer.timestamp()),
             )?;
         }
-        if self.previous_sequence.is_none() {
+        if self.written.frames + self.chunk.frames == 0 {
             let transform = annotate::root_transform(self.frame_of_results, writer.timestamp());
             writer.write(self.results.transform, &transform)?;
         }
@@ -340,11 +433,17 @@ impl Recorder {
         if !slot.passed_over && is_of_this_frame {
             writer.write_scene(&self.results, scene, self.image_from_floor.as_ref())?;
         }
+        let frame_bytes = writer.bytes();
+        self.frame_bytes_at_most = match self.images.schema() {
+            ImageSchema::Raw => 2 * frame_bytes - image_bytes as u64,
+            ImageSchema::Compressed => 2 * frame_bytes,
+        };
         self.previous_sequence = Some(frame.sequence);
         self.chunk.frames += 1;
         self.chunk.passed_over += u64::from(slot.passed_over);
         self.chunk.missing += missing;
         self.chunk.image_bytes += image_bytes;
+        self.chunk.bytes += frame_bytes;
         self.chunk.newest_stamp_ns = Some(frame.stamp_ns);
         // The very first frame is flushed at once: from then on the file can be replayed.
         let is_due = self
@@ -359,6 +458,7 @@ impl Recorder {
     /// Hands the open chunk to the operating system.
     fn flush(&mut self, mcap: &mut Mcap) -> McapResult<()> {
         mcap.flush()?;
+        self.n_chunks += 1;
         let chunk = std::mem::take(&mut self.chunk);
         self.flushed_stamp_ns = chunk.newest_stamp_ns.or(self.flushed_stamp_ns);
         self.written = Summary {

@@ -56,7 +56,12 @@ pub(crate) struct FrameWriter<'a> {
     mcap: &'a mut Mcap,
     header: MessageHeader,
     message: &'a mut Vec<u8>,
+    /// Bytes of the messages so far, with what the file adds to each.
+    bytes: u64,
 }
+
+/// What a file adds to a message: its header, and its entry in the index of the chunk.
+const MESSAGE_OVERHEAD_BYTES: u64 = 64;
 
 impl ImageChannels {
     /// Defines both at once, early in the file: damage to a later chunk then takes no definition with it.
@@ -106,7 +111,13 @@ impl<'a> FrameWriter<'a> {
                 publish_time: log_time_ns,
             },
             message,
+            bytes: 0,
         }
+    }
+
+    /// Bytes of the messages so far, not compressed, with what the file adds to each.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
     }
 
     /// Time stamp of the frame's messages.
@@ -122,6 +133,7 @@ impl<'a> FrameWriter<'a> {
 
     /// Writes the message that is already encoded.
     pub(crate) fn write_encoded(&mut self, channel_id: u16) -> McapResult<()> {
+        self.bytes += self.message.len() as u64 + MESSAGE_OVERHEAD_BYTES;
         self.header.channel_id = channel_id;
         self.mcap.write_to_known_channel(&self.header, self.message)
     }

@@ -14,6 +14,7 @@ use crate::publish::{Publisher, monotonic_ns};
 use crate::run::capture::Counters;
 use crate::run::heartbeat::Heartbeat;
 use crate::run::pace::{Pace, Totals};
+use crate::run::record::FloorWish;
 use crate::run::{Books, POLL};
 use crate::setup::Setup;
 use crate::slot::Slot;
@@ -26,6 +27,8 @@ pub(super) struct ProcessStage<'a> {
     pub(super) publisher: Option<Publisher>,
     pub(super) sink: Sink,
     pub(super) status: Status,
+    /// What other threads have to say.
+    pub(super) said: &'a Receiver<String>,
     /// Set from outside when the floor is to be learned anew.
     pub(super) relearn: &'a AtomicBool,
     /// The floor is being learned anew.
@@ -92,6 +95,7 @@ impl ProcessStage<'_> {
             }
         }
         let printed = self.finish_lines(stop);
+        self.pass_on();
         self.status.clear();
         match result.and(printed) {
             // Whoever read our lines has seen enough.
@@ -113,6 +117,7 @@ impl ProcessStage<'_> {
 
     fn pass_over(&mut self, mut slot: Slot) {
         slot.passed_over = true;
+        slot.floor_in_use = None;
         self.books.skipped += 1;
         self.sink.take(slot, &mut self.books);
     }
@@ -125,7 +130,13 @@ impl ProcessStage<'_> {
         let started = Instant::now();
         self.heartbeat
             .frame(slot.frame.sequence, slot.frame.stamp_ns, started);
+        self.pass_on();
         self.setup.choose_background(&mut slot);
+        slot.floor_in_use = if self.sink.wants_floor(&self.books) {
+            self.setup.pipeline.floor()
+        } else {
+            None
+        };
         let outcome = match self.setup.pipeline.process(&mut slot) {
             Ok(outcome) => outcome,
             Err(error) if self.live => {
@@ -276,8 +287,16 @@ impl ProcessStage<'_> {
         ));
     }
 
+    /// Says what other threads have to say.
+    fn pass_on(&self) {
+        self.said
+            .try_iter()
+            .for_each(|message| self.status.say(&message));
+    }
+
     /// What is to be done when no frame comes.
     fn while_waiting(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
+        self.pass_on();
         if let Some(publisher) = &self.publisher
             && let Err(error) = publisher.serve_late_joiners()
         {
@@ -304,10 +323,19 @@ pub(super) enum Sink {
         to_record: SyncSender<Slot>,
         to_capture: SyncSender<Slot>,
         wait: bool,
+        wish: Arc<FloorWish>,
     },
 }
 
 impl Sink {
+    /// Whether the next slot is to bring the floor that is in use.
+    fn wants_floor(&self, books: &Books) -> bool {
+        match self {
+            Self::Free(_) => false,
+            Self::Recorder { wish, .. } => wish.holds(books.recorded),
+        }
+    }
+
     /// Passes a slot on and enters it in the books.
     fn take(&self, slot: Slot, books: &mut Books) {
         let (rejected, to_capture) = match self {
@@ -319,6 +347,7 @@ impl Sink {
                 to_record,
                 to_capture,
                 wait,
+                ..
             } => {
                 let sent = if *wait {
                     to_record.send(slot).map_err(|rejected| rejected.0)
@@ -356,6 +385,7 @@ mod tests {
         let Cli { run: args, .. } = Cli::parse_from(["overcam"]);
         let source = Source::open(&args.source.device, &args.source.wish()).expect("the demo");
         let (to_capture, _free) = sync_channel(SLOTS);
+        let (_say, said) = std::sync::mpsc::channel();
         let (relearn, stop) = (AtomicBool::new(false), AtomicBool::new(true));
         let mut stage = ProcessStage {
             live,
@@ -363,6 +393,7 @@ mod tests {
             publisher: None,
             sink: Sink::Free(to_capture),
             status: Status::new(live),
+            said: &said,
             relearn: &relearn,
             relearning: false,
             lines: None,
@@ -422,6 +453,7 @@ mod tests {
             to_record,
             to_capture,
             wait: false,
+            wish: Arc::new(FloorWish::none()),
         };
         let mut books = Books::default();
         (0..3).for_each(|_| sink.take(Slot::empty(), &mut books));

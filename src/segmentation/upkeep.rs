@@ -110,6 +110,25 @@ impl Upkeep {
         self.prepare(0, self.size.height);
     }
 
+    /// The floor as it is now, rounded to whole levels.
+    pub(super) fn floor(&self) -> Floor {
+        let [red, green, blue] = [0, 1, 2].map(|i: usize| {
+            let levels = self.channels[i].iter();
+            levels
+                .map(|&value| ((u32::from(value) + 128) >> 8).min(255) as u8)
+                .collect()
+        });
+        Floor {
+            picture: Picture {
+                size: self.size,
+                red,
+                green,
+                blue,
+            },
+            noise: self.noise.clone(),
+        }
+    }
+
     /// What frames are compared with.
     pub(super) fn reference(&self) -> Reference<'_> {
         Reference {

@@ -50,8 +50,8 @@ pub(super) struct Facts<'a> {
 
 /// A table on the terminal behind `out`, which is standard output.
 #[derive(Debug)]
-pub(super) struct Screen<W> {
-    out: W,
+pub(super) struct Screen<'a, W> {
+    out: &'a mut W,
     service: String,
     newest: Box<Scene>,
     n_missing: u64,
@@ -65,15 +65,15 @@ pub(super) struct Screen<W> {
     resumed: Arc<AtomicBool>,
 }
 
-impl<W: Write> Screen<W> {
+impl<'a, W: Write> Screen<'a, W> {
     /// Nothing is drawn before the first scene.
-    pub(super) fn new(service: String, out: W) -> Self {
+    pub(super) fn new(out: &'a mut W) -> Self {
         let resumed = Arc::new(AtomicBool::new(false));
         // Without the signal the shell's words are drawn over.
         let _ = signal_hook::flag::register(SIGCONT, Arc::clone(&resumed));
         Self {
             out,
-            service,
+            service: String::new(),
             newest: Box::new(Scene::EMPTY),
             n_missing: 0,
             rate_hz: None,
@@ -89,8 +89,11 @@ impl<W: Write> Screen<W> {
     /// # Errors
     ///
     /// When the terminal is gone.
-    pub(super) fn take(&mut self, scene: &Scene, n_missing: u64) -> io::Result<()> {
+    pub(super) fn take(&mut self, scene: &Scene, service: &str, n_missing: u64) -> io::Result<()> {
         let now = Instant::now();
+        if self.service != service {
+            service.clone_into(&mut self.service);
+        }
         *self.newest = *scene;
         self.n_missing = n_missing;
         match &mut self.since {
@@ -268,9 +271,10 @@ fn header(scene: &Scene, facts: Facts) -> Vec<String> {
 
 fn row(object: &Object, decimals: usize) -> String {
     let name = object.marker_name().map(printable);
-    let heading = object
-        .heading()
-        .map_or(String::new(), |rad| format!("{:.1}", rad.to_degrees()));
+    let heading = object.heading().map_or(String::new(), |rad| {
+        // Adding 0 takes the sign off a zero.
+        format!("{:.1}", (10.0 * rad.to_degrees()).round() / 10.0 + 0.0)
+    });
     format!(
         "{:>5}  {} {:>9.decimals$} {:>9.decimals$} {heading:>8} {:>8.decimals$} {:>7.1}  {}",
         object.track,

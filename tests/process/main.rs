@@ -9,6 +9,7 @@ mod markers;
 mod output;
 mod refusals;
 mod replay;
+mod shells;
 mod stopping;
 mod subscribers;
 mod terminal;

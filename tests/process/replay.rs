@@ -9,7 +9,8 @@ use overcam::frame::Picture;
 use overcam::source::pictures::write_png;
 
 use crate::fixture::{
-    HEIGHT, STRAIGHT, WIDTH, folder, parse, printed, write_calibration, write_markers, write_y4m,
+    HEIGHT, STRAIGHT, WIDTH, folder, parse, printed, run, sequence_of, write_calibration,
+    write_markers, write_y4m,
 };
 
 /// Records with these arguments, replays the recording, and replays the recording of that. What the three print is the same;
@@ -190,4 +191,88 @@ fn assert_rectangles(line: &str) {
             .any(|object| near("x", object, x) && near("y", object, y));
         assert!(found, "nothing at {x}, {y}: {line}");
     }
+}
+
+#[test]
+fn a_recording_in_several_files_replays_file_by_file() {
+    let folder = folder();
+    let record = |file: &str| {
+        let arguments = [
+            "--frames",
+            "110",
+            "--record",
+            file,
+            "--record-minutes",
+            "0.02",
+        ];
+        run(
+            folder.path(),
+            &[&arguments[..], &["--json", "--no-publish"]].concat(),
+        )
+    };
+    let ended = record("run.mcap");
+    assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
+    assert!(ended.said("MB a minute"), "{:?}", ended.errors);
+    assert!(ended.said("recording goes on in run-2.mcap; run.mcap is complete: "));
+    let last = ended.errors.last().map_or("", String::as_str);
+    assert!(
+        last.contains("; 110 frames (") && last.ends_with(" in 3 files, the last run-3.mcap"),
+        "{last}"
+    );
+
+    let replay = |file| printed(folder.path(), &["--device", file, "--json", "--no-publish"]);
+    let files = ["run.mcap", "run-2.mcap", "run-3.mcap"].map(replay);
+    assert_same(&ended.lines[..files[0].len()], &files[0]);
+    let numbers =
+        |lines: &[String]| -> Vec<u64> { lines.iter().map(|line| sequence_of(line)).collect() };
+    assert_eq!(numbers(&files.concat()), numbers(&ended.lines));
+    // Tracks begin anew, hence numbers, velocities, forecasts and what is known of things that touch; robots are where they are.
+    for (line, live) in files.concat().iter().zip(&ended.lines) {
+        let (found, expected) = (robots(line), robots(live));
+        assert_eq!(found.len(), 6, "{}", sequence_of(line));
+        for ((name, x, y), (expected_name, expected_x, expected_y)) in found.iter().zip(&expected) {
+            assert_eq!(name, expected_name);
+            let off = (x - expected_x).hypot(y - expected_y);
+            assert!(
+                off < 0.1,
+                "frame {}: {name} is {off} px off",
+                sequence_of(line)
+            );
+        }
+    }
+
+    // The same input gives the same files, however the threads are scheduled.
+    record("again.mcap");
+    for number in ["", "-2", "-3"] {
+        let file = |name: &str| {
+            let path = folder.path().join(format!("{name}{number}.mcap"));
+            fs::read(path).expect("it can be read")
+        };
+        assert!(file("run") == file("again"), "{number}");
+    }
+
+    // What is there is not overwritten.
+    fs::remove_file(folder.path().join("run.mcap")).expect("it can be removed");
+    let refused = record("run.mcap");
+    assert_eq!(refused.status, Some(1));
+    assert!(
+        refused.said("run-2.mcap exists already"),
+        "{:?}",
+        refused.errors
+    );
+}
+
+/// Names and places of the robots that a line shows.
+fn robots(line: &str) -> Vec<(String, f64, f64)> {
+    let scene = parse(line);
+    let objects = scene["objects"].as_array().expect("a list").iter();
+    let mut robots: Vec<_> = objects
+        .filter_map(|object| {
+            let number = |key| object[key].as_f64().expect("a number");
+            let name = object["marker"].as_str()?.to_owned();
+            Some((name, number("x"), number("y")))
+        })
+        .collect();
+    robots.sort_by(|a, b| a.0.cmp(&b.0));
+    robots
 }

@@ -126,6 +126,7 @@ pub(crate) fn slot(format: PixelFormat, size: Size, sequence: u64, stamp_ns: u64
         },
         passed_over: false,
         background: None,
+        floor_in_use: None,
         scene: scene(sequence, stamp_ns),
     }
 }

@@ -6,3 +6,4 @@ mod full_disk;
 mod other_programs;
 mod refusals;
 mod round_trip;
+mod series;
