@@ -1,8 +1,8 @@
 //! From pixels to metres on the floor.
 //!
 //! The user measures a few points: where they are in the picture and where on the floor. A homography, the map between two
-//! planes seen in perspective, is fitted to them (direct linear transform on normalised points: Hartley and Zisserman, "Multiple
-//! View Geometry", algorithm 4.2). It carries positions; its derivative at a point carries headings, velocities and covariances.
+//! planes seen in perspective, is fitted to them (`homography`). It carries positions; its derivative at a point carries headings,
+//! velocities and covariances. Where the points contradict each other, `outliers` finds out which are wrong.
 //!
 //! ```toml
 //! [[points]]
@@ -12,17 +12,23 @@
 //!
 //! Lens distortion is not part of it: at least four points are needed, and more of them show by their residual whether the lens bends
 //! straight lines.
+//! Four points always fit. What can be said of them is how far an error of clicking moves positions.
+
+mod exactness;
+mod homography;
+mod outliers;
 
 use std::path::Path;
 
-use nalgebra::{DMatrix, Matrix2, Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::Deserialize;
+
+use crate::calibration::exactness::{CLICKED_PX, INEXACT_MAX_PX, Inexactness};
+use crate::calibration::homography::{INDEPENDENCE_MIN, homography};
+use crate::calibration::outliers::{Suspects, is_contradicted, suspects};
 
 /// Greatest root mean square of the residuals, in pixels.
 const RESIDUAL_MAX_PX: f64 = 3.0;
-
-/// Least second smallest singular value of the equations over the greatest: below, points lie on one line and any map fits.
-const INDEPENDENCE_MIN: f64 = 1e-3;
 
 /// A plane map, row by row.
 pub type Homography = [[f64; 3]; 3];
@@ -32,8 +38,10 @@ pub type Homography = [[f64; 3]; 3];
 pub struct Calibration {
     floor_from_image: Matrix3<f64>,
     residual_px: f64,
+    n_points: usize,
     /// Mean of the points' pixels.
     middle_px: [f64; 2],
+    inexactness: Inexactness,
 }
 
 /// Why points give no calibration.
@@ -57,15 +65,24 @@ pub enum CalibrationError {
     /// The points contradict each other.
     #[error(
         "calibration: the points do not fit together, {rms_px:.1} px root mean square, at most {RESIDUAL_MAX_PX} px are \
-         accepted; point {worst} is off by {worst_px:.1} px: measure it again"
+         accepted; {suspects}"
     )]
     BadFit {
         /// Root mean square of all residuals, in pixels.
         rms_px: f64,
-        /// The point with the greatest residual, counted from 1.
-        worst: usize,
-        /// Its residual in pixels.
-        worst_px: f64,
+        /// Which are to blame.
+        suspects: Suspects,
+    },
+    /// The points hardly determine a map.
+    #[error(
+        "calibration: the points lie nearly on a line or close together: a click {CLICKED_PX} px off would move positions among \
+         them by up to {metres:.2} m ({pixels:.0} px); choose points near the corners of the floor"
+    )]
+    Inexact {
+        /// How far positions would move.
+        metres: f64,
+        /// The same in the picture.
+        pixels: f64,
     },
     /// Left and right are exchanged.
     #[error(
@@ -155,31 +172,35 @@ impl Calibration {
         if let Some(bad) = points.iter().position(|p| !finite(p)) {
             return Err(CalibrationError::NotFinite(bad + 1));
         }
-        let floor_from_image = homography(points)?;
-        let calibration = Self {
-            floor_from_image,
-            residual_px: 0.0,
-            middle_px: [0, 1].map(|axis| {
-                points.iter().map(|p| p.pixel[axis]).sum::<f64>() / points.len() as f64
-            }),
-        };
+        let calibration = Self::fit_map(points)?;
         let residuals = calibration.residuals_px(points)?;
-        let rms_px = (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt();
-        let worst = residuals
-            .iter()
-            .enumerate()
-            .max_by(|a, b| a.1.total_cmp(b.1))
-            .map_or(0, |(i, _)| i);
-        if rms_px.is_nan() || rms_px > RESIDUAL_MAX_PX {
-            return Err(CalibrationError::BadFit {
-                rms_px,
-                worst: worst + 1,
-                worst_px: residuals[worst],
-            });
+        let rms_px = root_mean_square(&residuals);
+        if rms_px.is_nan() || rms_px > RESIDUAL_MAX_PX || is_contradicted(points) {
+            let suspects = suspects(points, &residuals);
+            return Err(CalibrationError::BadFit { rms_px, suspects });
+        }
+        let inexactness = calibration.inexactness(points);
+        let Inexactness { metres, pixels } = inexactness;
+        if pixels.is_nan() || pixels > INEXACT_MAX_PX {
+            return Err(CalibrationError::Inexact { metres, pixels });
         }
         Ok(Self {
             residual_px: rms_px,
+            inexactness,
             ..calibration
+        })
+    }
+
+    /// The map that fits best, however badly.
+    fn fit_map(points: &[PointPair]) -> Result<Self, CalibrationError> {
+        let middle =
+            |axis: usize| points.iter().map(|p| p.pixel[axis]).sum::<f64>() / points.len() as f64;
+        Ok(Self {
+            floor_from_image: homography(points)?,
+            residual_px: 0.0,
+            n_points: points.len(),
+            middle_px: [0, 1].map(middle),
+            inexactness: Inexactness::default(),
         })
     }
 
@@ -237,6 +258,10 @@ impl Calibration {
     }
 }
 
+fn root_mean_square(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
 impl FloorPoint {
     /// Metres of a pixel: square root of how many square metres a square pixel covers.
     #[must_use]
@@ -276,76 +301,6 @@ impl FloorPoint {
     }
 }
 
-/// Fits the map to at least four points.
-fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, CalibrationError> {
-    let image = normalisation(points.iter().map(|p| p.pixel))?;
-    let floor = normalisation(points.iter().map(|p| p.floor))?;
-    // Two equations a point; nine rows at least, so that the decomposition has nine singular values.
-    let mut equations = DMatrix::zeros((2 * points.len()).max(9), 9);
-    for (i, pair) in points.iter().enumerate() {
-        let from = image.transform_point(&Point2::from(pair.pixel));
-        let to = floor.transform_point(&Point2::from(pair.floor));
-        let (x, y, u, v) = (from.x, from.y, to.x, to.y);
-        let rows = [
-            [x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y, -u],
-            [0.0, 0.0, 0.0, x, y, 1.0, -v * x, -v * y, -v],
-        ];
-        for (row, coefficients) in rows.iter().enumerate() {
-            for (column, &coefficient) in coefficients.iter().enumerate() {
-                equations[(2 * i + row, column)] = coefficient;
-            }
-        }
-    }
-    let svd = equations.svd(false, true);
-    let mut order: Vec<usize> = (0..9).collect();
-    order.sort_by(|&a, &b| svd.singular_values[b].total_cmp(&svd.singular_values[a]));
-    let independence = svd.singular_values[order[7]] / svd.singular_values[order[0]];
-    let v_t = svd
-        .v_t
-        .filter(|_| independence >= INDEPENDENCE_MIN)
-        .ok_or(CalibrationError::Degenerate(independence))?;
-    let solution = v_t.row(order[8]);
-    let normalised = Matrix3::from_fn(|row, column| solution[3 * row + column]);
-    let back = floor
-        .try_inverse()
-        .ok_or(CalibrationError::Degenerate(0.0))?;
-    let map = back * normalised * image;
-    // The scale is free: let the first point be on the positive side of the horizon.
-    let [x, y] = points[0].pixel;
-    let side = (map * Vector3::new(x, y, 1.0)).z;
-    if side.abs() < f64::EPSILON || !side.is_finite() {
-        return Err(CalibrationError::Degenerate(independence));
-    }
-    Ok(map / side)
-}
-
-/// Moves points to the origin and scales their mean distance from it to √2.
-fn normalisation(
-    points: impl Iterator<Item = [f64; 2]> + Clone,
-) -> Result<Matrix3<f64>, CalibrationError> {
-    let n = points.clone().count() as f64;
-    let sum = points
-        .clone()
-        .fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
-    let [x, y] = sum.map(|s| s / n);
-    let distance = points.map(|p| (p[0] - x).hypot(p[1] - y)).sum::<f64>() / n;
-    if distance <= f64::EPSILON {
-        return Err(CalibrationError::Degenerate(0.0));
-    }
-    let scale = std::f64::consts::SQRT_2 / distance;
-    Ok(Matrix3::new(
-        scale,
-        0.0,
-        -scale * x,
-        0.0,
-        scale,
-        -scale * y,
-        0.0,
-        0.0,
-        1.0,
-    ))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -357,7 +312,7 @@ mod tests {
         [(0.01 * x - 1.0) / w, (4.0 - 0.01 * y) / w]
     }
 
-    fn pairs(pixels: &[[f64; 2]]) -> Vec<PointPair> {
+    pub(in crate::calibration) fn pairs(pixels: &[[f64; 2]]) -> Vec<PointPair> {
         pixels
             .iter()
             .map(|&pixel| PointPair {
@@ -367,7 +322,8 @@ mod tests {
             .collect()
     }
 
-    const CORNERS: [[f64; 2]; 4] = [[20.0, 30.0], [600.0, 40.0], [610.0, 450.0], [15.0, 460.0]];
+    pub(in crate::calibration) const CORNERS: [[f64; 2]; 4] =
+        [[20.0, 30.0], [600.0, 40.0], [610.0, 450.0], [15.0, 460.0]];
 
     #[test]
     fn four_points_are_enough() {
