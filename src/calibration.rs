@@ -1,8 +1,8 @@
 //! From pixels to metres on the floor.
 //!
 //! The user measures a few points: where they are in the picture and where on the floor. A homography, the map between two
-//! planes seen in perspective, is fitted to them (direct linear transform on normalised points: Hartley and Zisserman, "Multiple
-//! View Geometry", algorithm 4.2). It carries positions; its derivative at a point carries headings, velocities and covariances.
+//! planes seen in perspective, is fitted to them (`homography`). It carries positions; its derivative at a point carries headings,
+//! velocities and covariances. Where the points contradict each other, `outliers` finds out which are wrong.
 //!
 //! ```toml
 //! [[points]]
@@ -12,17 +12,33 @@
 //!
 //! Lens distortion is not part of it: at least four points are needed, and more of them show by their residual whether the lens bends
 //! straight lines.
+//! Four points always fit. What can be said of them is how far an error of clicking moves positions.
+
+mod homography;
+mod outliers;
 
 use std::path::Path;
 
-use nalgebra::{DMatrix, Matrix2, Matrix3, Point2, Vector2, Vector3};
+use imgproc::Size;
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::Deserialize;
+
+use crate::calibration::homography::{INDEPENDENCE_MIN, homography};
+use crate::calibration::outliers::{Suspects, is_contradicted, suspects};
 
 /// Greatest root mean square of the residuals, in pixels.
 const RESIDUAL_MAX_PX: f64 = 3.0;
 
-/// Least second smallest singular value of the equations over the greatest: below, points lie on one line and any map fits.
-const INDEPENDENCE_MIN: f64 = 1e-3;
+/// How exactly a person clicks on a point: standard deviation in each direction, pixels.
+const CLICKED_PX: f64 = 0.5;
+
+/// By so many pixels [`CLICKED_PX`] may move positions among the points: more is said, and with much more the points are refused.
+/// Four points at the corners of what is looked at give 0.7.
+const INEXACT_PX: f64 = 4.0;
+const INEXACT_MAX_PX: f64 = 25.0;
+
+/// A pixel wider than this is doubted: a picture of 640 pixels would show a floor of 190 m.
+const WIDE_PIXEL_M: f64 = 0.3;
 
 /// A plane map, row by row.
 pub type Homography = [[f64; 3]; 3];
@@ -32,8 +48,17 @@ pub type Homography = [[f64; 3]; 3];
 pub struct Calibration {
     floor_from_image: Matrix3<f64>,
     residual_px: f64,
+    n_points: usize,
     /// Mean of the points' pixels.
     middle_px: [f64; 2],
+    inexactness: Inexactness,
+}
+
+/// How far [`CLICKED_PX`] moves positions, at the worst place of the rectangle around the points.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Inexactness {
+    metres: f64,
+    pixels: f64,
 }
 
 /// Why points give no calibration.
@@ -57,15 +82,24 @@ pub enum CalibrationError {
     /// The points contradict each other.
     #[error(
         "calibration: the points do not fit together, {rms_px:.1} px root mean square, at most {RESIDUAL_MAX_PX} px are \
-         accepted; point {worst} is off by {worst_px:.1} px: measure it again"
+         accepted; {suspects}"
     )]
     BadFit {
         /// Root mean square of all residuals, in pixels.
         rms_px: f64,
-        /// The point with the greatest residual, counted from 1.
-        worst: usize,
-        /// Its residual in pixels.
-        worst_px: f64,
+        /// Which are to blame.
+        suspects: Suspects,
+    },
+    /// The points hardly determine a map.
+    #[error(
+        "calibration: the points lie nearly on a line or close together: a click {CLICKED_PX} px off would move positions among \
+         them by up to {metres:.2} m ({pixels:.0} px); choose points near the corners of the floor"
+    )]
+    Inexact {
+        /// How far positions would move.
+        metres: f64,
+        /// The same in the picture.
+        pixels: f64,
     },
     /// Left and right are exchanged.
     #[error(
@@ -155,31 +189,122 @@ impl Calibration {
         if let Some(bad) = points.iter().position(|p| !finite(p)) {
             return Err(CalibrationError::NotFinite(bad + 1));
         }
-        let floor_from_image = homography(points)?;
-        let calibration = Self {
-            floor_from_image,
-            residual_px: 0.0,
-            middle_px: [0, 1].map(|axis| {
-                points.iter().map(|p| p.pixel[axis]).sum::<f64>() / points.len() as f64
-            }),
-        };
+        let calibration = Self::fit_map(points)?;
         let residuals = calibration.residuals_px(points)?;
-        let rms_px = (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt();
-        let worst = residuals
-            .iter()
-            .enumerate()
-            .max_by(|a, b| a.1.total_cmp(b.1))
-            .map_or(0, |(i, _)| i);
-        if rms_px.is_nan() || rms_px > RESIDUAL_MAX_PX {
-            return Err(CalibrationError::BadFit {
-                rms_px,
-                worst: worst + 1,
-                worst_px: residuals[worst],
-            });
+        let rms_px = root_mean_square(&residuals);
+        if rms_px.is_nan() || rms_px > RESIDUAL_MAX_PX || is_contradicted(points) {
+            let suspects = suspects(points, &residuals);
+            return Err(CalibrationError::BadFit { rms_px, suspects });
+        }
+        let inexactness = calibration.inexactness(points);
+        let Inexactness { metres, pixels } = inexactness;
+        if pixels.is_nan() || pixels > INEXACT_MAX_PX {
+            return Err(CalibrationError::Inexact { metres, pixels });
         }
         Ok(Self {
             residual_px: rms_px,
+            inexactness,
             ..calibration
+        })
+    }
+
+    /// The map that fits best, however badly.
+    fn fit_map(points: &[PointPair]) -> Result<Self, CalibrationError> {
+        let middle =
+            |axis: usize| points.iter().map(|p| p.pixel[axis]).sum::<f64>() / points.len() as f64;
+        Ok(Self {
+            floor_from_image: homography(points)?,
+            residual_px: 0.0,
+            n_points: points.len(),
+            middle_px: [0, 1].map(middle),
+            inexactness: Inexactness::default(),
+        })
+    }
+
+    /// What errors of clicking do, by moving every point in turn.
+    fn inexactness(&self, points: &[PointPair]) -> Inexactness {
+        const PLACES: usize = 5;
+        let extreme = |axis: usize, pick: fn(f64, f64) -> f64| {
+            points
+                .iter()
+                .map(|p| p.pixel[axis])
+                .reduce(pick)
+                .unwrap_or_default()
+        };
+        let place = |i: usize, axis: usize| {
+            let (least, most) = (extreme(axis, f64::min), extreme(axis, f64::max));
+            least + (most - least) * i as f64 / (PLACES - 1) as f64
+        };
+        // Places beyond the horizon have no position; the points have, whatever lies between them.
+        let places: Vec<([f64; 2], FloorPoint)> = (0..PLACES * PLACES)
+            .map(|i| [place(i % PLACES, 0), place(i / PLACES, 1)])
+            .filter_map(|pixel| Some((pixel, self.to_floor(pixel)?)))
+            .collect();
+        let mut variances = vec![0.0; places.len()];
+        for (i, axis) in (0..points.len()).flat_map(|i| [(i, 0), (i, 1)]) {
+            let mut clicked = points.to_vec();
+            clicked[i].pixel[axis] += CLICKED_PX;
+            let moved = Self::fit_map(&clicked).ok();
+            for ((pixel, floor), variance) in places.iter().zip(&mut variances) {
+                *variance += match moved.as_ref().and_then(|moved| moved.to_floor(*pixel)) {
+                    Some(FloorPoint { at: [x, y], .. }) => {
+                        (x - floor.at[0]).powi(2) + (y - floor.at[1]).powi(2)
+                    }
+                    None => f64::INFINITY,
+                };
+            }
+        }
+        let mut worst = Inexactness::default();
+        for ((_, floor), variance) in places.iter().zip(variances) {
+            let metres = variance.sqrt();
+            worst.metres = worst.metres.max(metres);
+            worst.pixels = worst.pixels.max(metres / floor.metres_per_px());
+        }
+        worst
+    }
+
+    /// What a person should know of the positions: how exact they can be, and what is odd about them, a line each.
+    #[must_use]
+    pub(crate) fn remarks(&self, size: Size) -> Vec<String> {
+        let Inexactness { metres, pixels } = self.inexactness;
+        let residual = match self.n_points {
+            4 => "four points leave no residual to check them by".to_owned(),
+            _ => format!("the calibration's residual is {:.2} px", self.residual_px),
+        };
+        let mut remarks = vec![format!(
+            "positions are in metres on the floor; {residual}; clicks {CLICKED_PX} px off move them by up to {metres:.3} m among the points"
+        )];
+        if pixels > INEXACT_PX {
+            remarks.push(format!(
+                "that is {pixels:.0} px: the calibration's points lie nearly on a line or close together; add some near the corners of the floor"
+            ));
+        }
+        if let Some(width_m) = self.metres_per_px().filter(|width| *width > WIDE_PIXEL_M) {
+            let floor_m = width_m * size.width as f64;
+            remarks.push(format!(
+                "a pixel is {width_m:.2} m wide and the picture {floor_m:.0} m: if the calibration's floor points are in millimetres or \
+                 centimetres, write them in metres"
+            ));
+        }
+        remarks
+    }
+
+    /// Widths in pixels between which plates of a size are seen in a picture.
+    pub(crate) fn plate_px(&self, plate_mm: f32, size: Size) -> Option<(f64, f64)> {
+        const PLACES: usize = 5;
+        let place = |i: usize, side: usize| (side - 1) as f64 * i as f64 / (PLACES - 1) as f64;
+        let widths = (0..PLACES * PLACES)
+            .map(|i| {
+                [
+                    place(i % PLACES, size.width),
+                    place(i / PLACES, size.height),
+                ]
+            })
+            .filter_map(|pixel| self.to_floor(pixel))
+            .map(|floor| f64::from(plate_mm) / 1000.0 / floor.metres_per_px());
+        widths.fold(None, |range, width| {
+            let (least, most) = range.unwrap_or((width, width));
+            Some((width.min(least), width.max(most)))
         })
     }
 
@@ -237,6 +362,10 @@ impl Calibration {
     }
 }
 
+fn root_mean_square(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
 impl FloorPoint {
     /// Metres of a pixel: square root of how many square metres a square pixel covers.
     #[must_use]
@@ -274,76 +403,6 @@ impl FloorPoint {
         let [x, y] = self.jacobian;
         [[across(x, x), across(x, y)], [across(y, x), across(y, y)]]
     }
-}
-
-/// Fits the map to at least four points.
-fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, CalibrationError> {
-    let image = normalisation(points.iter().map(|p| p.pixel))?;
-    let floor = normalisation(points.iter().map(|p| p.floor))?;
-    // Two equations a point; nine rows at least, so that the decomposition has nine singular values.
-    let mut equations = DMatrix::zeros((2 * points.len()).max(9), 9);
-    for (i, pair) in points.iter().enumerate() {
-        let from = image.transform_point(&Point2::from(pair.pixel));
-        let to = floor.transform_point(&Point2::from(pair.floor));
-        let (x, y, u, v) = (from.x, from.y, to.x, to.y);
-        let rows = [
-            [x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y, -u],
-            [0.0, 0.0, 0.0, x, y, 1.0, -v * x, -v * y, -v],
-        ];
-        for (row, coefficients) in rows.iter().enumerate() {
-            for (column, &coefficient) in coefficients.iter().enumerate() {
-                equations[(2 * i + row, column)] = coefficient;
-            }
-        }
-    }
-    let svd = equations.svd(false, true);
-    let mut order: Vec<usize> = (0..9).collect();
-    order.sort_by(|&a, &b| svd.singular_values[b].total_cmp(&svd.singular_values[a]));
-    let independence = svd.singular_values[order[7]] / svd.singular_values[order[0]];
-    let v_t = svd
-        .v_t
-        .filter(|_| independence >= INDEPENDENCE_MIN)
-        .ok_or(CalibrationError::Degenerate(independence))?;
-    let solution = v_t.row(order[8]);
-    let normalised = Matrix3::from_fn(|row, column| solution[3 * row + column]);
-    let back = floor
-        .try_inverse()
-        .ok_or(CalibrationError::Degenerate(0.0))?;
-    let map = back * normalised * image;
-    // The scale is free: let the first point be on the positive side of the horizon.
-    let [x, y] = points[0].pixel;
-    let side = (map * Vector3::new(x, y, 1.0)).z;
-    if side.abs() < f64::EPSILON || !side.is_finite() {
-        return Err(CalibrationError::Degenerate(independence));
-    }
-    Ok(map / side)
-}
-
-/// Moves points to the origin and scales their mean distance from it to √2.
-fn normalisation(
-    points: impl Iterator<Item = [f64; 2]> + Clone,
-) -> Result<Matrix3<f64>, CalibrationError> {
-    let n = points.clone().count() as f64;
-    let sum = points
-        .clone()
-        .fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
-    let [x, y] = sum.map(|s| s / n);
-    let distance = points.map(|p| (p[0] - x).hypot(p[1] - y)).sum::<f64>() / n;
-    if distance <= f64::EPSILON {
-        return Err(CalibrationError::Degenerate(0.0));
-    }
-    let scale = std::f64::consts::SQRT_2 / distance;
-    Ok(Matrix3::new(
-        scale,
-        0.0,
-        -scale * x,
-        0.0,
-        scale,
-        -scale * y,
-        0.0,
-        0.0,
-        1.0,
-    ))
 }
 
 #[cfg(test)]
@@ -444,6 +503,59 @@ mod tests {
         let mut infinite = pairs(&CORNERS);
         infinite[2].floor[1] = f64::NAN;
         assert!(message(&infinite).contains("point 3 has a coordinate"));
+    }
+
+    /// Three of four points near a line: half a pixel decides whether the fourth corner is here or there.
+    #[test]
+    fn points_nearly_on_a_line_are_refused_with_what_they_would_do() {
+        let near = [[20.0, 20.0], [160.5, 118.8], [300.0, 220.0], [25.0, 215.0]];
+        let error = Calibration::fit(&pairs(&near)).expect_err("inexact");
+        let CalibrationError::Inexact { metres, pixels } = error else {
+            panic!("{error}")
+        };
+        assert!(pixels > 25.0 && metres > 0.25, "{error}");
+        assert!(error.to_string().contains("nearly on a line"), "{error}");
+    }
+
+    #[test]
+    fn what_is_odd_is_remarked() {
+        const VGA: Size = Size {
+            width: 640,
+            height: 480,
+        };
+        let remarks = |points: &[PointPair]| Calibration::fit(points).expect("a fit").remarks(VGA);
+        let good = remarks(&pairs(&CORNERS));
+        assert_eq!(good.len(), 1, "{good:?}");
+        assert!(
+            good[0].contains("four points leave no residual"),
+            "{good:?}"
+        );
+        assert!(good[0].contains("by up to 0.00"), "{good:?}");
+
+        let mut more = CORNERS.to_vec();
+        more.push([300.0, 200.0]);
+        let more = remarks(&pairs(&more));
+        assert!(more[0].contains("residual is 0.00 px"), "{more:?}");
+
+        let close = [[20.0, 20.0], [300.0, 200.0], [300.0, 220.0], [25.0, 60.0]];
+        let close = remarks(&pairs(&close));
+        assert!(
+            close[1].contains("nearly on a line or close together"),
+            "{close:?}"
+        );
+
+        let mut millimetres = pairs(&CORNERS);
+        millimetres
+            .iter_mut()
+            .for_each(|p| p.floor = p.floor.map(|c| 1000.0 * c));
+        let wide = remarks(&millimetres);
+        assert!(
+            wide[1].contains("m wide") && wide[1].contains("write them in metres"),
+            "{wide:?}"
+        );
+        let calibration = Calibration::fit(&millimetres).expect("a fit");
+        let (least, most) = calibration.plate_px(300.0, VGA).expect("on the floor");
+        assert!(0.02 < least && most < 0.05, "{least} {most}");
     }
 
     #[test]

@@ -1,15 +1,20 @@
 //! The command line.
 
+use std::fmt;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use std::str::FromStr;
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueHint};
 use clap_complete::Shell;
 use imgproc::Size;
 
 use crate::frame::PixelFormat;
+use crate::publish::service_name;
 use crate::recording::image_message::ImageMode;
 use crate::recording::series::Limits;
-use crate::settings::Settings;
+use crate::settings::{self, Settings};
 use crate::source::camera::Wish;
 use crate::source::controls::ControlWish;
 
@@ -47,10 +52,10 @@ pub enum Command {
     /// Show what a running overcam publishes: a table on a terminal, elsewhere lines as --json prints them
     Watch {
         /// Name of the service
-        #[arg(long, default_value = scene::DEFAULT_SERVICE)]
+        #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
         service: String,
         /// Stop after this many scenes
-        #[arg(long)]
+        #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
         frames: Option<u64>,
         /// Print one JSON object a scene, on a terminal too
         #[arg(long)]
@@ -61,7 +66,7 @@ pub enum Command {
         /// The recording
         file: PathBuf,
         /// The new file
-        #[arg(short, long)]
+        #[arg(short, long, value_parser = ending_in(&["mcap"]))]
         output: PathBuf,
     },
     /// Print the manual page, for man: overcam man > overcam.1
@@ -113,13 +118,13 @@ pub enum MarkersCommand {
         #[command(flatten)]
         source: SourceArgs,
         /// The new drawing (SVG); the marker is called like the file
-        #[arg(short, long, value_name = "FILE")]
+        #[arg(short, long, value_name = "FILE", value_parser = ending_in(&["svg"]))]
         output: PathBuf,
         /// Folder of marker drawings that will be used with the new one
         #[arg(long, value_name = "DIR")]
         beside: Option<PathBuf>,
         /// Learn from N frames, or from all of a file that has fewer
-        #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..))]
+        #[arg(long, value_name = "N", default_value_t = 30, value_parser = number(settings::LEARN))]
         learn: u32,
     },
     /// Draw the markers in their true size on A4 pages, with names and cut lines
@@ -127,7 +132,7 @@ pub enum MarkersCommand {
         /// Folder of marker drawings (SVG); without it the built-in ones
         folder: Option<PathBuf>,
         /// The file, PDF or SVG; where one page of SVG is not enough, the others are FILE-2.svg and so on
-        #[arg(short, long, value_name = "FILE")]
+        #[arg(short, long, value_name = "FILE", value_parser = ending_in(&["pdf", "svg"]))]
         output: PathBuf,
         /// Side of a plate, millimetres
         #[arg(long, value_name = "MM", default_value_t = 80, value_parser = clap::value_parser!(u32).range(10..=180))]
@@ -149,7 +154,7 @@ pub struct SourceArgs {
     #[arg(long, value_parser = parse_size)]
     pub size: Option<Size>,
     /// Frames per second of the camera, or of a folder of pictures
-    #[arg(long)]
+    #[arg(long, value_parser = number(RATE_HZ))]
     pub rate: Option<f64>,
     /// Pixel format of the camera: yuyv, uyvy, nv12, grey, rgb or mjpg
     #[arg(long, value_parser = parse_format)]
@@ -159,13 +164,13 @@ pub struct SourceArgs {
     #[arg(long)]
     pub camera_auto: bool,
     /// Exposure time of the camera, in microseconds
-    #[arg(long, value_name = "MICROSECONDS")]
+    #[arg(long, value_name = "MICROSECONDS", value_parser = number(EXPOSURE_US))]
     pub exposure: Option<u32>,
     /// Gain of the camera, in its own unit
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub gain: Option<i32>,
     /// Colour temperature of the camera's white balance, in kelvins
-    #[arg(long, value_name = "KELVIN")]
+    #[arg(long, value_name = "KELVIN", value_parser = number(WHITE_BALANCE_K))]
     pub white_balance: Option<u32>,
     /// Focus of the camera, in its own unit
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -198,10 +203,10 @@ pub struct BackgroundArgs {
     #[command(flatten)]
     pub source: SourceArgs,
     /// The PNG file; one that is there already is replaced
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", value_parser = ending_in(&["png"]))]
     pub output: PathBuf,
     /// Learn from N frames, or from all of a file that has fewer
-    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = number(settings::LEARN))]
     pub learn: u32,
 }
 
@@ -212,22 +217,22 @@ pub struct RunArgs {
     #[command(flatten)]
     pub source: SourceArgs,
     /// Record every frame and result into a new MCAP file
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = ending_in(&["mcap"]))]
     pub record: Option<PathBuf>,
     /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
     #[arg(long, value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
     pub record_jpeg: Option<u8>,
     /// Go on in a new file, FILE-2, FILE-3 and so on, before one grows larger than this, in gigabytes (10^9 bytes)
-    #[arg(long, value_name = "GB", requires = "record", value_parser = parse_gigabytes)]
+    #[arg(long, value_name = "GB", requires = "record", value_parser = number(GIGABYTES))]
     pub record_max: Option<f64>,
     /// Go on in a new file, FILE-2, FILE-3 and so on, after this many minutes
-    #[arg(long, value_name = "N", requires = "record", value_parser = parse_minutes)]
+    #[arg(long, value_name = "N", requires = "record", value_parser = number(MINUTES))]
     pub record_minutes: Option<f64>,
     /// The empty floor: a PNG file of `overcam background`, or a picture of it, PNG or JPEG
     #[arg(long, value_name = "FILE", conflicts_with = "learn")]
     pub background: Option<PathBuf>,
     /// Learn the empty floor from the first N frames
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = number(settings::LEARN))]
     pub learn: Option<u32>,
     /// Picture of the frames' size, PNG or JPEG: what is dark in it is not looked at
     #[arg(long, value_name = "FILE")]
@@ -239,10 +244,10 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     /// Side of the printed plates in millimetres, with --calibration: what has another size on the floor is no marker
-    #[arg(long, value_name = "MM", value_parser = parse_millimetres)]
+    #[arg(long, value_name = "MM", value_parser = number(settings::PLATE_MM))]
     pub plate: Option<f32>,
     /// Name of the shared-memory services
-    #[arg(long, default_value = scene::DEFAULT_SERVICE)]
+    #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
     pub service: String,
     /// Do not publish in shared memory
     #[arg(long)]
@@ -251,16 +256,16 @@ pub struct RunArgs {
     #[arg(long)]
     pub json: bool,
     /// Stop after N frames
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
     /// End with status 1 when the camera is unplugged or stalls, instead of waiting until it is back
     #[arg(long)]
     pub no_wait: bool,
     /// Least difference from the floor that an object has somewhere, in units of the noise
-    #[arg(long, value_name = "SUM")]
+    #[arg(long, value_name = "SUM", value_parser = number(settings::THRESHOLD))]
     pub threshold: Option<f32>,
     /// Smallest object, in square pixels
-    #[arg(long, value_name = "PX2")]
+    #[arg(long, value_name = "PX2", value_parser = number(settings::AREA_MIN))]
     pub area_min: Option<u32>,
 }
 
@@ -306,26 +311,61 @@ fn parse_size(text: &str) -> Result<Size, String> {
     })
 }
 
-fn parse_gigabytes(text: &str) -> Result<f64, &'static str> {
-    match text.parse::<f64>() {
-        Ok(gigabytes) if (0.001..=1_000_000.0).contains(&gigabytes) => Ok(gigabytes),
-        _ => Err("a file has 0.001 to 1000000 gigabytes"),
+/// Sizes and times after which a recording goes on in a new file.
+const GIGABYTES: RangeInclusive<f64> = 0.001..=1_000_000.0;
+const MINUTES: RangeInclusive<f64> = 0.01..=1_000_000.0;
+
+/// Frames per second.
+const RATE_HZ: RangeInclusive<f64> = 0.001..=1000.0;
+
+/// A tenth of a millisecond is the unit in which cameras take exposure times.
+const EXPOSURE_US: RangeInclusive<u32> = 1..=60_000_000;
+
+/// From candles to the sky; cameras know 2000 to 10000.
+const WHITE_BALANCE_K: RangeInclusive<u32> = 1_000..=40_000;
+
+/// A number of a range, which is told where it is none.
+fn number<T>(range: RangeInclusive<T>) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: FromStr + PartialOrd + fmt::Display + Clone,
+{
+    move |text| {
+        let value = text.parse::<T>().ok();
+        value
+            .filter(|value| range.contains(value))
+            .ok_or_else(|| format!("give a number from {} to {}", range.start(), range.end()))
     }
 }
 
-fn parse_minutes(text: &str) -> Result<f64, &'static str> {
-    match text.parse::<f64>() {
-        Ok(minutes) if (0.01..=1_000_000.0).contains(&minutes) => Ok(minutes),
-        _ => Err("a file has 0.01 to 1000000 minutes"),
+/// A file whose name has one of these endings.
+fn ending_in(endings: &'static [&'static str]) -> impl TypedValueParser<Value = PathBuf> + Clone {
+    PathBufValueParser::new().try_map(move |path| {
+        let found = path.extension().unwrap_or_default();
+        if endings
+            .iter()
+            .any(|ending| found.eq_ignore_ascii_case(ending))
+        {
+            return Ok(path);
+        }
+        let names: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
+        Err(format!(
+            "the file's name must end in {}",
+            names.join(" or ")
+        ))
+    })
+}
+
+fn parse_service(text: &str) -> Result<String, String> {
+    match service_name(text) {
+        Ok(_) => Ok(text.to_owned()),
+        Err(error) => Err(error.to_string()),
     }
 }
 
-fn parse_millimetres(text: &str) -> Result<f32, &'static str> {
-    match text.parse::<f32>() {
-        Ok(mm) if (1.0..=10_000.0).contains(&mm) => Ok(mm),
-        _ => Err("a plate is 1 to 10000 millimetres wide"),
-    }
-}
+/// Arguments that are wrong together, or with the source: seen only when that is open.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct WrongArguments(pub String);
 
 fn parse_format(text: &str) -> Result<PixelFormat, &'static str> {
     match text.to_lowercase().as_str() {

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use overcam::cli::Cli;
+use overcam::cli::{Cli, WrongArguments};
 use overcam::command::execute;
 use overcam::run::Completion;
 use overcam::source::SourceError;
@@ -23,6 +23,7 @@ fn main() -> ExitCode {
             tell(format_args!("overcam: {}", one_line(&error)));
             match error.downcast_ref() {
                 Some(SourceError::Argument { .. }) => ExitCode::from(WRONG_ARGUMENTS),
+                _ if error.is::<WrongArguments>() => ExitCode::from(WRONG_ARGUMENTS),
                 _ => ExitCode::FAILURE,
             }
         }

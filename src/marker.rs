@@ -1,6 +1,7 @@
 //! Marker families: what they look like to the camera, and which one a figure is (sections 2.2.2 and 2.2.3 of the paper).
 //!
-//! [`drawing`] reads a marker from its SVG file, `cutout` finds the dark figures on the bright plates of a shape.
+//! [`read_folder`] finds the SVG files, [`name`] checks what they are called, [`drawing`] reads a marker from one; `cutout`
+//! finds the dark figures on the bright plates of a shape.
 //!
 //! A figure is looked up among the `reference`s by the descriptor of its contour; the `template`s of the likely ones are
 //! fitted to the pixels of the plate, and what the fit leaves decides (`recognition`). What the camera does to every plate
@@ -13,6 +14,8 @@ pub(crate) mod colour;
 pub(crate) mod cutout;
 pub mod design;
 pub mod drawing;
+mod folder;
+pub mod name;
 pub(crate) mod optics;
 mod recognition;
 pub(crate) mod reference;
@@ -20,12 +23,12 @@ pub mod sheet;
 mod template;
 pub mod trace;
 
-use std::path::Path;
-
 use fourier::descriptor::Descriptor;
 use fourier::matching::{self, compare, distances};
 
 use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
+pub use crate::marker::folder::read_folder;
+use crate::marker::name::{NameError, check_name, check_unlike};
 pub use crate::marker::recognition::{Recognised, RecognitionSettings};
 use crate::marker::reference::{BLURS_PX, NoReference, PLATES_PX, Reference};
 use crate::marker::template::Template;
@@ -54,9 +57,6 @@ pub const ELONGATION_MIN: f32 = 0.04;
 /// Least distance between two markers, and between a marker and its own half turn: mean square of the distance of their contours'
 /// points, in units of the size.
 pub const SEPARATION_MIN: f32 = 0.012;
-
-/// Bytes of the longest name.
-const NAME_MAX: usize = scene::NAME_BYTES;
 
 /// A marker's file, as a recording keeps it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -89,12 +89,23 @@ pub enum FamilyError {
     /// A drawing is no marker.
     #[error(transparent)]
     Drawing(#[from] DrawingError),
-    /// The name does not fit into a scene.
-    #[error("marker {name}: the name has {} bytes, at most {NAME_MAX} fit; rename the file", name.len())]
-    NameTooLong {
-        /// The name.
-        name: String,
+    /// A drawing is compressed.
+    #[error("markers {file}: a compressed drawing is not read; unpack it into a .svg file")]
+    Compressed {
+        /// The file.
+        file: String,
     },
+    /// A drawing is in no encoding that is known.
+    #[error("markers {file}: {reason}; save it as plain SVG in UTF-8")]
+    Undecodable {
+        /// The file.
+        file: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A name cannot be used.
+    #[error(transparent)]
+    Name(#[from] NameError),
     /// The shape does not show a direction.
     #[error(
         "marker {name}: its elongation is {elongation:.3}, at least {ELONGATION_MIN} is needed to tell its heading; \
@@ -199,12 +210,9 @@ impl Family {
     /// [`FamilyError`] when a file is no marker, or the family cannot be told apart.
     pub fn from_files(files: &[MarkerFile]) -> Result<Self, FamilyError> {
         let mut drawings = Vec::with_capacity(files.len());
-        for file in files {
-            if file.name.len() > NAME_MAX {
-                return Err(FamilyError::NameTooLong {
-                    name: file.name.clone(),
-                });
-            }
+        for (i, file) in files.iter().enumerate() {
+            check_name(&file.name)?;
+            check_unlike(&file.name, files[..i].iter().map(|file| file.name.as_str()))?;
             drawings.push(read_drawing(&file.name, &file.svg)?);
         }
         Self::learn(&drawings)
@@ -285,39 +293,6 @@ pub fn built_in_files() -> Vec<MarkerFile> {
             svg: svg.to_owned(),
         })
         .collect()
-}
-
-/// Reads the SVG files of a folder, in the order of their names.
-///
-/// # Errors
-///
-/// [`FamilyError::Unreadable`] and [`FamilyError::Empty`].
-pub fn read_folder(folder: &Path) -> Result<Vec<MarkerFile>, FamilyError> {
-    let unreadable = |path: &Path, error: std::io::Error| FamilyError::Unreadable {
-        folder: path.display().to_string(),
-        reason: error.to_string(),
-    };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|e| unreadable(folder, e))? {
-        let path = entry.map_err(|e| unreadable(folder, e))?.path();
-        let is_svg = path
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("svg"));
-        if let Some(name) = path.file_stem().filter(|_| is_svg) {
-            let svg = std::fs::read_to_string(&path).map_err(|e| unreadable(&path, e))?;
-            files.push(MarkerFile {
-                name: name.to_string_lossy().into_owned(),
-                svg,
-            });
-        }
-    }
-    if files.is_empty() {
-        return Err(FamilyError::Empty {
-            folder: folder.display().to_string(),
-        });
-    }
-    files.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(files)
 }
 
 #[cfg(test)]

@@ -2,6 +2,9 @@
 //!
 //! A recording carries these settings as TOML, and a replay uses them.
 
+use std::fmt;
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
 
 use crate::marker::RecognitionSettings;
@@ -9,7 +12,37 @@ use crate::segmentation::SegmentationSettings;
 
 /// A plate on a robot is nearer to the camera than the floor and looks larger: by a third, where the camera hangs four times as
 /// high as the robot is.
-const PRINTED_SIZE_TOLERANCE: f32 = 1.35;
+pub(crate) const PRINTED_SIZE_TOLERANCE: f32 = 1.35;
+
+/// Frames from which a floor is learned: an hour at 30 frames a second at most.
+pub(crate) const LEARN: RangeInclusive<u32> = 1..=108_000;
+/// See [`Settings::threshold`]: below, all is object; above, nothing is.
+pub(crate) const THRESHOLD: RangeInclusive<f32> = 0.1..=1000.0;
+/// See [`Settings::area_min`].
+pub(crate) const AREA_MIN: RangeInclusive<u32> = 1..=100_000_000;
+/// See [`Settings::plate_mm`].
+pub(crate) const PLATE_MM: RangeInclusive<f32> = 1.0..=10_000.0;
+/// See [`Settings::plate_min`] and [`Settings::plate_max`].
+const PLATE_PX: RangeInclusive<f32> = 1.0..=16_384.0;
+/// See [`Settings::shadow`].
+const SHADOW: RangeInclusive<f32> = 0.0..=1.0;
+/// See [`Settings::marker_misfit_max`].
+const MISFIT: RangeInclusive<f32> = 0.0..=1.0;
+/// See [`Settings::top_speed`].
+const TOP_SPEED: RangeInclusive<f64> = 1e-3..=1e3;
+/// See [`Settings::misses_max`] and [`Settings::confirm`].
+const SIGHTINGS: RangeInclusive<u32> = 0..=100_000;
+
+/// A setting that is out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("the setting {key} is {value}, but must be from {least} to {most}")]
+pub struct OutOfRange {
+    /// Name of the setting.
+    pub key: &'static str,
+    value: String,
+    least: String,
+    most: String,
+}
 
 /// Settings of the pipeline. Lengths are pixels of the image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -59,6 +92,31 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Refuses what is out of range, as the arguments do: settings also come from files.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] with the first such setting.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("learn", self.learn, LEARN)?;
+        within("threshold", self.threshold, THRESHOLD)?;
+        within("shadow", self.shadow, SHADOW)?;
+        within("area_min", self.area_min, AREA_MIN)?;
+        within("plate_min", self.plate_min, PLATE_PX)?;
+        within(
+            "plate_max",
+            self.plate_max,
+            self.plate_min..=*PLATE_PX.end(),
+        )?;
+        if let Some(plate_mm) = self.plate_mm {
+            within("plate_mm", plate_mm, PLATE_MM)?;
+        }
+        within("marker_misfit_max", self.marker_misfit_max, MISFIT)?;
+        within("top_speed", self.top_speed, TOP_SPEED)?;
+        within("misses_max", self.misses_max, SIGHTINGS)?;
+        within("confirm", self.confirm, SIGHTINGS)
+    }
+
     /// The part that segmentation needs.
     pub(crate) fn segmentation(&self) -> SegmentationSettings {
         SegmentationSettings {
@@ -82,6 +140,54 @@ impl Settings {
             plate_min_px: self.plate_min.max(least),
             plate_max_px: self.plate_max.min(most),
             misfit_max: self.marker_misfit_max,
+        }
+    }
+}
+
+/// Not a number is in no range.
+fn within<T: PartialOrd + fmt::Display>(
+    key: &'static str,
+    value: T,
+    range: RangeInclusive<T>,
+) -> Result<(), OutOfRange> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let (least, most) = range.into_inner();
+    Err(OutOfRange {
+        key,
+        value: value.to_string(),
+        least: least.to_string(),
+        most: most.to_string(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_setting_has_its_range() {
+        assert_eq!(Settings::default().check(), Ok(()));
+        for text in [
+            "learn = 0",
+            "threshold = nan",
+            "threshold = inf",
+            "threshold = 0.0",
+            "shadow = 1.5",
+            "area_min = 0",
+            "plate_min = -1.0",
+            "plate_max = 7.0",
+            "plate_mm = nan",
+            "marker_misfit_max = inf",
+            "top_speed = 0.0",
+            "misses_max = 1000000",
+            "confirm = 1000000",
+        ] {
+            let settings: Settings = toml::from_str(text).expect("settings");
+            let error = settings.check().expect_err(text);
+            assert!(text.starts_with(error.key), "{text}: {error}");
+            assert!(error.to_string().contains("must be from"), "{error}");
         }
     }
 }

@@ -1,16 +1,17 @@
 //! What a run works with: arguments, the recording that is replayed, and defaults, in this order.
 
 use anyhow::{Context, bail};
+use imgproc::Size;
 
 use crate::calibration::{self, Calibration};
-use crate::cli::RunArgs;
+use crate::cli::{RunArgs, WrongArguments};
 use crate::floor::Floor;
 use crate::floor::region::Region;
 use crate::marker::{Family, built_in_files, read_folder};
 use crate::pipeline::Pipeline;
 use crate::recording::provenance::Provenance;
 use crate::recording::series::size_estimate;
-use crate::settings::Settings;
+use crate::settings::{self, Settings};
 use crate::slot::{Slot, SourceInfo};
 use crate::source::Source;
 use crate::status::tell;
@@ -22,7 +23,8 @@ pub(crate) struct Setup {
     /// For the recording.
     pub(crate) provenance: Provenance,
     pub(crate) settings: Settings,
-    residual_px: Option<f64>,
+    /// About the calibration.
+    remarks: Vec<String>,
     region_share: Option<f64>,
     background: Background,
 }
@@ -52,6 +54,9 @@ impl Setup {
             }
             _ => Settings::default(),
         };
+        settings
+            .check()
+            .with_context(|| format!("{}: its settings", args.source.device))?;
         let settings = args.settings(settings);
         let markers = match (&args.markers, recorded) {
             (Some(folder), _) => read_folder(folder)?,
@@ -72,10 +77,8 @@ impl Setup {
                 Some(path) => path.display().to_string(),
                 None => args.source.device.clone(),
             })?;
-        if settings.plate_mm.is_some() && calibration.is_none() {
-            bail!(
-                "--plate: how many pixels a millimetre has is not known; give the floor's --calibration as well"
-            );
+        if let Some(plate_mm) = settings.plate_mm {
+            check_plate(plate_mm, &settings, calibration.as_ref(), info.size)?;
         }
         let region = match (&args.region, recorded.and_then(|p| p.region.as_deref())) {
             (Some(path), _) => Some(Region::read(path, info.size)?),
@@ -92,7 +95,9 @@ impl Setup {
             markers,
         };
         let family = Family::from_files(&provenance.markers)?;
-        let residual_px = calibration.as_ref().map(Calibration::residual_px);
+        let remarks = calibration
+            .as_ref()
+            .map_or(Vec::new(), |calibration| calibration.remarks(info.size));
         let region_share = region.as_ref().map(Region::share);
         let mut pipeline = Pipeline::new(info.size, info.rate_hz, settings, family, calibration);
         pipeline.set_region(region);
@@ -100,7 +105,7 @@ impl Setup {
             pipeline,
             provenance,
             settings,
-            residual_px,
+            remarks,
             region_share,
             background: Background::new(args, source)?,
         })
@@ -154,10 +159,8 @@ impl Setup {
             names.len(),
             names.join(", ")
         ));
-        if let Some(residual) = self.residual_px {
-            tell(format_args!(
-                "overcam: positions are in metres on the floor; the calibration's residual is {residual:.2} px"
-            ));
+        for remark in &self.remarks {
+            tell(format_args!("overcam: {remark}"));
         }
         if let Some(share) = self.region_share {
             let percent = 100.0 * share;
@@ -185,6 +188,32 @@ impl Setup {
                 size_estimate(info, args.image_mode())
             ));
         }
+    }
+}
+
+/// Refuses plates of which none can be read on this floor.
+fn check_plate(
+    plate_mm: f32,
+    settings: &Settings,
+    calibration: Option<&Calibration>,
+    size: Size,
+) -> anyhow::Result<()> {
+    let Some(calibration) = calibration else {
+        bail!(WrongArguments(
+            "--plate: how many pixels a millimetre has is not known; give the floor's --calibration as well"
+                .to_owned()
+        ));
+    };
+    let least = f64::from(settings.plate_min);
+    let most = f64::from(settings.plate_max).min(size.width.min(size.height) as f64);
+    // Robots are higher than the floor, and their plates look larger.
+    let tolerance = f64::from(settings::PRINTED_SIZE_TOLERANCE);
+    match calibration.plate_px(plate_mm, size) {
+        Some((from, to)) if to * tolerance < least || from / tolerance > most => bail!(
+            "--plate {plate_mm}: such plates would be {from:.2} to {to:.2} pixels wide, and none is read that is not {least} to {most}; \
+             give the calibration's floor points in metres and the plate in millimetres"
+        ),
+        _ => Ok(()),
     }
 }
 

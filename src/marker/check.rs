@@ -7,6 +7,7 @@ use imgproc::Size;
 use crate::marker::bound::{View, least_heading_sigma};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::{Drawing, read_drawing};
+use crate::marker::name::check_unlike;
 use crate::marker::optics::Optics;
 use crate::marker::reference::{Placement, plate_mask, render};
 use crate::marker::{Family, FamilyError, MarkerFile, SEPARATION_MIN, matching};
@@ -58,7 +59,10 @@ pub struct Quality {
 pub fn check(files: &[MarkerFile]) -> Vec<Check> {
     let learned: Vec<Result<(Drawing, Family), FamilyError>> = files
         .iter()
-        .map(|file| {
+        .enumerate()
+        .map(|(i, file)| {
+            let others = files[..i].iter().chain(&files[i + 1..]);
+            check_unlike(&file.name, others.map(|file| file.name.as_str()))?;
             let family = Family::from_files(std::slice::from_ref(file))?;
             Ok((read_drawing(&file.name, &file.svg)?, family))
         })

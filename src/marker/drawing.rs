@@ -1,15 +1,24 @@
 //! A marker's drawing: the SVG file that a user prints, reduced to one outline.
 //!
-//! The view box is the plate, a square; up is the heading; on white stands exactly one dark, closed, filled shape. Whatever a
-//! drawing program makes of that (groups, transforms, curves, style sheets) is resolved by `usvg`; here it is checked
-//! that the result is one marker, and said what is wrong where it is not.
+//! The view box is the plate, a square; up is the heading; on white stands exactly one dark, closed, filled shape. What counts is
+//! what a renderer draws, for that is what is printed: `usvg` resolves what drawing programs write (groups, transforms,
+//! curves, style sheets), `resvg` draws it (`canvas`), and what of a file neither of them reads is refused (`unread`).
+//!
+//! Where the picture shows just the outline of the one dark fill, as in most files, the marker is that outline, exact to the last
+//! digit. Where something else cuts or joins shapes, clip paths, white shapes above dark ones, the outline is taken from the
+//! picture, to less than a ten thousandth of the plate. Strokes and filters that change the picture are refused, and so is what is
+//! neither dark nor light: a camera would see another shape from every distance.
+
+mod canvas;
+mod content;
+mod unread;
 
 use std::fmt;
 
-use usvg::tiny_skia_path::{PathSegment, Point, Transform};
+use usvg::roxmltree;
 
-/// Straight pieces that replace one curve of a path.
-const PIECES_PER_CURVE: usize = 24;
+use crate::marker::drawing::canvas::{COMPARED, Canvas, TRACED};
+use crate::marker::drawing::content::Content;
 
 /// By how much numbers in files and their sums may be off, in units of the plate's side.
 const ROUNDING: f32 = 1e-3;
@@ -57,12 +66,23 @@ pub enum Reason {
     },
     /// There must be one dark shape.
     DarkShapes(usize),
+    /// The only shape is dark, but so faint that little of it is seen: its opacity.
+    Faint(f32),
     /// The dark shape consists of several outlines.
     Outlines(usize),
-    /// The dark shape has a stroke, which the outline would not include.
-    Stroke,
-    /// Text, pictures or gradients.
-    NotAPlainShape(&'static str),
+    /// All of the plate's border is dark.
+    DarkPlate,
+    /// Part of the drawing is neither as dark as the shape nor as light as the plate, and no element is known that makes it so.
+    HalfTones,
+    /// The drawing has something that is not read, or that changes the shape.
+    NotRead {
+        /// What it is.
+        what: String,
+        /// The `id` of the element, where it has one.
+        id: String,
+        /// What to do about it.
+        remedy: &'static str,
+    },
     /// The shape reaches out of the view box.
     ReachesOut,
 }
@@ -79,18 +99,30 @@ impl fmt::Display for Reason {
             }
             Self::DarkShapes(0) => write!(f, "no dark shape; draw one dark, filled path on white"),
             Self::DarkShapes(n) => write!(f, "{n} dark shapes; unite them into one path"),
+            Self::Faint(opacity) => write!(
+                f,
+                "no dark shape: the one that is there has an opacity of {:.0} %; make it opaque",
+                100.0 * opacity
+            ),
             Self::Outlines(n) => {
                 write!(
                     f,
                     "the dark shape has {n} outlines, but holes and islands are not allowed; unite them into one"
                 )
             }
-            Self::Stroke => write!(
+            Self::DarkPlate => write!(
                 f,
-                "the dark shape has a stroke; convert it into a filled path"
+                "the border of the plate is dark; draw a dark shape on a white plate"
             ),
-            Self::NotAPlainShape(what) => {
-                write!(f, "it contains {what}; use one plain, filled path")
+            Self::HalfTones => write!(
+                f,
+                "it has half-tones, neither as dark as the shape nor as light as the plate; make them white or black"
+            ),
+            Self::NotRead { what, id, remedy } if id.is_empty() => {
+                write!(f, "it contains {what}; {remedy}")
+            }
+            Self::NotRead { what, id, remedy } => {
+                write!(f, "it contains {what}, id {id:?}; {remedy}")
             }
             Self::ReachesOut => write!(
                 f,
@@ -117,115 +149,67 @@ pub fn read_drawing(name: &str, svg: &str) -> Result<Drawing, DrawingError> {
 }
 
 fn outline(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
-    let tree = usvg::Tree::from_str(svg, &usvg::Options::default())
-        .map_err(|e| Reason::NotSvg(e.to_string()))?;
+    let tree = tree(svg)?;
     let (width, height) = (tree.size().width(), tree.size().height());
     if (width - height).abs() > 1e-3 * width {
         return Err(Reason::NotSquare { width, height });
     }
-    let mut dark = Vec::new();
-    dark_paths(tree.root(), &mut dark)?;
-    let [path] = dark[..] else {
-        return Err(Reason::DarkShapes(dark.len()));
+    let content = Content::of(&tree);
+    if let Some(unread) = content.unread {
+        return Err(unread.into());
+    }
+    let canvas = Canvas::draw(&tree, COMPARED);
+    if let (Some(canvas), [outline]) = (&canvas, &content.outlines[..])
+        && outline.iter().flatten().all(|c| c.abs() <= 0.5 + ROUNDING)
+        && canvas.shows(outline, content.is_drawn_again)
+    {
+        return Ok(outline.clone());
+    }
+    // A stroke or a filter makes the difference.
+    if let Some(feature) = content.stroke.or(content.filter) {
+        return Err(feature.into());
+    }
+    let Some(canvas) = canvas else {
+        return Err(content.faint.map_or(Reason::DarkShapes(0), Reason::Faint));
     };
-    if path.stroke().is_some() {
-        return Err(Reason::Stroke);
+    let figures = canvas.figures();
+    if figures.fills_plate {
+        return Err(Reason::DarkPlate);
     }
-    let mut outline = flatten(path)?;
-    for point in &mut outline {
-        *point = [point[0] / width - 0.5, point[1] / height - 0.5];
+    if canvas.has_half_tones() {
+        return Err(content.shading.map_or(Reason::HalfTones, Reason::from));
     }
-    if outline.iter().flatten().any(|c| c.abs() > 0.5 + ROUNDING) {
+    match (figures.regions, figures.holes) {
+        (1, 0) => {}
+        (1, holes) => return Err(Reason::Outlines(1 + holes)),
+        (regions, _) => return Err(Reason::DarkShapes(regions)),
+    }
+    if figures.reaches_out {
         return Err(Reason::ReachesOut);
     }
-    if fourier::contour::region(&outline).area < 0.0 {
-        outline.reverse();
-    }
-    Ok(outline)
+    let fine = Canvas::draw(&tree, TRACED).ok_or(Reason::DarkShapes(0))?;
+    fine.outline(&fine.figures()).ok_or(Reason::ReachesOut)
 }
 
-/// Collects the visible paths that are darker than half-way to white.
-fn dark_paths<'a>(group: &'a usvg::Group, dark: &mut Vec<&'a usvg::Path>) -> Result<(), Reason> {
-    for node in group.children() {
-        match node {
-            usvg::Node::Group(group) => dark_paths(group, dark)?,
-            usvg::Node::Path(path) if path.is_visible() => {
-                let fill = path.fill().map(|fill| is_dark(fill.paint())).transpose()?;
-                let stroke = path
-                    .stroke()
-                    .map(|stroke| is_dark(stroke.paint()))
-                    .transpose()?;
-                if fill == Some(true) || stroke == Some(true) {
-                    dark.push(path);
-                }
-            }
-            usvg::Node::Path(_) => {}
-            usvg::Node::Image(_) => return Err(Reason::NotAPlainShape("a picture")),
-            usvg::Node::Text(_) => return Err(Reason::NotAPlainShape("text")),
-        }
-    }
-    Ok(())
-}
-
-fn is_dark(paint: &usvg::Paint) -> Result<bool, Reason> {
-    match paint {
-        usvg::Paint::Color(colour) => {
-            let luma = 299 * u32::from(colour.red)
-                + 587 * u32::from(colour.green)
-                + 114 * u32::from(colour.blue);
-            Ok(luma < 128_000)
-        }
-        _ => Err(Reason::NotAPlainShape("a gradient or a pattern")),
-    }
-}
-
-/// The corners of a path's only outline, curves as straight pieces, in units of the tree.
-fn flatten(path: &usvg::Path) -> Result<Vec<[f32; 2]>, Reason> {
-    let transform: Transform = path.abs_transform();
-    let mut points: Vec<Point> = Vec::new();
-    let mut outlines = 0;
-    for segment in path.data().segments() {
-        let from = points.last().copied().unwrap_or_default();
-        let mut curve = |at: &dyn Fn(f32) -> Point| {
-            points.extend((1..=PIECES_PER_CURVE).map(|i| at(i as f32 / PIECES_PER_CURVE as f32)));
-        };
-        match segment {
-            PathSegment::MoveTo(point) => {
-                outlines += 1;
-                points.push(point);
-            }
-            PathSegment::LineTo(point) => points.push(point),
-            PathSegment::QuadTo(c, to) => curve(&|t| bezier(&[from, c, to], t)),
-            PathSegment::CubicTo(c1, c2, to) => curve(&|t| bezier(&[from, c1, c2, to], t)),
-            PathSegment::Close => {}
-        }
-    }
-    if outlines != 1 {
-        return Err(Reason::Outlines(outlines));
-    }
-    transform.map_points(&mut points);
-    points.dedup_by(|a, b| (*a - *b).length() < 1e-4);
-    Ok(points.into_iter().map(|p| [p.x, p.y]).collect())
-}
-
-/// A point of a Bézier curve, by de Casteljau's repeated interpolation.
-fn bezier(controls: &[Point], t: f32) -> Point {
-    match controls {
-        [] => Point::zero(),
-        [point] => *point,
-        _ => {
-            let next: Vec<Point> = controls
-                .windows(2)
-                .map(|pair| {
-                    Point::from_xy(
-                        pair[0].x + t * (pair[1].x - pair[0].x),
-                        pair[0].y + t * (pair[1].y - pair[0].y),
-                    )
-                })
-                .collect();
-            bezier(&next, t)
-        }
-    }
+/// What is drawn, with something in the place of what cannot be.
+fn tree(svg: &str) -> Result<usvg::Tree, Reason> {
+    let options = roxmltree::ParsingOptions {
+        allow_dtd: true,
+        ..Default::default()
+    };
+    let not_svg = |error: String| Reason::NotSvg(error);
+    let document = roxmltree::Document::parse_with_options(svg, options)
+        .map_err(|e| not_svg(e.to_string()))?;
+    unread::refuse(&document)?;
+    let options = usvg::Options {
+        image_href_resolver: unread::image_resolver(),
+        ..usvg::Options::default()
+    };
+    let tree = match unread::with_stand_ins(svg, &document)? {
+        Some(svg) => usvg::Tree::from_str(&svg, &options),
+        None => usvg::Tree::from_xmltree(&document, &options),
+    };
+    tree.map_err(|e| not_svg(e.to_string()))
 }
 
 /// The file of an outline, which is given in units of the plate's side from its centre.
@@ -238,6 +222,9 @@ pub(crate) fn svg_of(outline: &[[f32; 2]]) -> String {
         corners.join("L")
     )
 }
+
+#[cfg(test)]
+mod kinds;
 
 #[cfg(test)]
 mod tests {
@@ -283,7 +270,8 @@ mod tests {
             "marker test: the view box is 40 x 30, but the plate must be a square"
         );
         assert!(reason("0 0 40 40", "").contains("no dark shape"));
-        assert!(reason("0 0 40 40", &square.repeat(2)).contains("2 dark shapes"));
+        let two = format!("{square}{}", square.replace("10", "3").replace("20", "5"));
+        assert!(reason("0 0 40 40", &two).contains("2 dark shapes"));
         assert!(reason("0 0 19 19", square).contains("reaches out of the view box"));
         let holed = r#"<path fill-rule="evenodd" d="M5 5H35V35H5Z M10 10H30V30H10Z"/>"#;
         assert!(reason("0 0 40 40", holed).contains("2 outlines"));
@@ -295,5 +283,18 @@ mod tests {
                 .to_string()
                 .contains("not a readable SVG")
         );
+    }
+
+    /// The outlines of the built-in markers to the last bit, as recordings were made with them.
+    #[test]
+    fn built_in_outlines_never_change() {
+        let mut sum = 0xcbf2_9ce4_8422_2325_u64;
+        for (name, svg) in crate::marker::BUILT_IN {
+            let outline = read_drawing(name, svg).expect("a marker").outline;
+            for byte in outline.iter().flatten().flat_map(|c| c.to_le_bytes()) {
+                sum = (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+            }
+        }
+        assert_eq!(sum, 0xae40_87a2_8801_bc70, "{sum:#x}");
     }
 }

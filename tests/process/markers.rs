@@ -52,11 +52,6 @@ fn sheets_are_written_page_by_page() {
         "{:?}",
         ended.errors
     );
-    let ended = run(
-        folder.path(),
-        &["markers", "sheet", "-o", "a.svg", "--plate", "5"],
-    );
-    assert_eq!(ended.status, Some(2));
 }
 
 #[test]
@@ -169,14 +164,37 @@ fn what_is_not_as_large_as_the_printed_plates_is_no_marker() {
     assert_eq!(sizes(folder.path(), Some(290.0)).len(), 4, "{all:?}");
     assert!(sizes(folder.path(), Some(150.0)).is_empty());
 
-    let ended = run(
-        folder.path(),
-        &["--frames", "1", "--no-publish", "--plate", "60"],
-    );
-    assert_eq!(ended.status, Some(1));
+    // Plates of which none can be read: said at once.
+    let arguments = ["--frames", "1", "--no-publish", "--calibration"];
+    let millimetres: Vec<_> = STRAIGHT
+        .iter()
+        .map(|&(pixel, [x, y])| (pixel, [1000.0 * x, 1000.0 * y]))
+        .collect();
+    write_calibration(&folder.path().join("mm.toml"), &millimetres);
+    for [file, plate, widths] in [
+        ["mm.toml", "300", "0.03 to 0.03 pixels wide"],
+        ["floor.toml", "9000", "900.00 to 900.00 pixels wide"],
+    ] {
+        let ended = run(
+            folder.path(),
+            &[&arguments[..], &[file, "--plate", plate]].concat(),
+        );
+        assert_eq!(ended.status, Some(1), "{:?}", ended.errors);
+        assert!(
+            ended.said(widths) && ended.said("floor points in metres"),
+            "{:?}",
+            ended.errors
+        );
+        assert_eq!(ended.errors.len(), 1);
+    }
+    // Without --plate the floor itself is doubted, and the run goes on.
+    let ended = run(folder.path(), &[&arguments[..], &["mm.toml"]].concat());
+    assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
     assert!(
-        ended.errors[0].contains("--calibration"),
+        ended.said("a pixel is 10.00 m wide and the picture 6400 m"),
         "{:?}",
         ended.errors
     );
+    let ended = run(folder.path(), &[&arguments[..], &["floor.toml"]].concat());
+    assert!(!ended.said("m wide"), "{:?}", ended.errors);
 }

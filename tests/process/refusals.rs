@@ -87,6 +87,15 @@ fn markers_that_cannot_be_used_are_refused() {
     folder_with("square", "square.svg", &square);
     folder_with("cut", "cut.svg", &square[..60]);
     folder_with("blank", "blank.svg", &drawing(""));
+    folder_with("bell", "a\u{7}b.svg", &square);
+    folder_with("zipped", "m.svgz", &square);
+    let text = r#"<path d="M50 12L84 86H16Z"/><text id="label" y="9">R1</text>"#;
+    folder_with("text", "text.svg", &drawing(text));
+    let covered = r##"<path d="M50 12L84 86H16Z"/><circle cx="50" cy="60" r="9" fill="#fff"/>"##;
+    folder_with("covered", "covered.svg", &drawing(covered));
+    folder_with("same", "a.svg", &square);
+    write(&path("same").join("A.svg"), &square);
+    folder_with("hidden", "._arrow.svg", "resource fork");
     folder_with("long", &format!("{}.svg", "n".repeat(40)), &square);
     folder_with("other", "readme.txt", "no drawing");
     write_markers(&path("twins"), &["arrow", "cup"]);
@@ -101,6 +110,12 @@ fn markers_that_cannot_be_used_are_refused() {
         ("cut", ["marker cut", "not a readable SVG"]),
         ("blank", ["marker blank", "no dark shape"]),
         ("long", ["has 40 bytes", "rename the file"]),
+        ("bell", ["marker a\\u{7}b", "cannot be seen"]),
+        ("zipped", ["m.svgz", "unpack it into a .svg file"]),
+        ("text", ["text, id \"label\"", "convert text to a path"]),
+        ("covered", ["marker covered", "2 outlines"]),
+        ("same", ["\"A.svg\" and \"a.svg\"", "rename one"]),
+        ("hidden", ["markers hidden", "no .svg file"]),
         ("twins", ["markers arrow and pfeil", "take one away"]),
     ] {
         assert_refused(folder.path(), &["--markers", markers], &parts);
@@ -125,6 +140,12 @@ fn calibrations_that_cannot_be_used_are_refused() {
     let mut wrong = STRAIGHT.to_vec();
     wrong.extend([([320.0, 240.0], [4.2, 2.4]), ([320.0, 120.0], [3.2, 3.6])]);
     with("wrong.toml", &wrong);
+    let near = [[20.0, 20.0], [160.0, 118.0], [300.0, 220.0], [25.0, 215.0]];
+    let near: Vec<_> = near
+        .iter()
+        .map(|&[x, y]| ([x, y], [x / 100.0, -y / 100.0]))
+        .collect();
+    with("near.toml", &near);
     for (file, reason) in [
         ("nowhere.toml", "No such file"),
         ("syntax.toml", "line 2"),
@@ -133,6 +154,7 @@ fn calibrations_that_cannot_be_used_are_refused() {
         ("line.toml", "no three of four points may lie on one line"),
         ("mirrored.toml", "axes are mirrored"),
         ("wrong.toml", "point 5 is off by"),
+        ("near.toml", "lie nearly on a line"),
     ] {
         assert_refused(folder.path(), &["--calibration", file], &[file, reason]);
     }
@@ -164,11 +186,13 @@ fn pictures_of_the_floor_that_cannot_be_used_are_refused() {
 fn places_where_nothing_can_be_recorded_are_refused() {
     let folder = folder();
     write(&folder.path().join("old.mcap"), "precious");
+    let full = folder.path().join("full.mcap");
+    std::os::unix::fs::symlink("/dev/full", full).expect("a link can be made");
     for (file, reason) in [
         ("nowhere/run.mcap", "there is no such folder"),
         ("old.mcap", "exists already"),
         ("old.mcap/run.mcap", "cannot be created"),
-        ("/dev/full", "exists already"),
+        ("full.mcap", "exists already"),
     ] {
         let arguments = [&PLAIN[..], &["--record", file]].concat();
         assert_refused(folder.path(), &arguments, &[file, reason]);
@@ -224,17 +248,6 @@ fn arguments_that_do_not_apply_to_the_source_are_refused() {
     }
     let ended = run(folder.path(), &["--device", "run.y4m", "--camera-auto"]);
     assert_eq!(ended.status, Some(2), "{:?}", ended.errors);
-}
-
-#[test]
-fn services_that_cannot_be_named_are_refused() {
-    let folder = folder();
-    for (service, reason) in [("two words", "contains ' '"), ("", "is empty")] {
-        let publish = ["--markers", "one", "--service", service];
-        assert_refused(folder.path(), &publish, &[reason]);
-        let watch = ["watch", "--service", service];
-        assert_refused(folder.path(), &watch, &[reason]);
-    }
 }
 
 #[test]
