@@ -5,7 +5,7 @@
 //! The camera's frames and the results of each, on the topics that [`topics`](crate::recording::topics) lists.
 //!
 //! Settings, markers, calibration and region stand before the first message ([`Provenance`]). A new floor is
-//! the attachment `background.png` ([`Floor`](crate::floor::Floor)), written before the first frame to which it applies: the order in the file is its meaning.
+//! the attachment `background.png` ([`Floor`]), written before the first frame to which it applies: the order in the file is its meaning.
 //!
 //! A message's sequence is the frame's, in 32 bits. Its log time is the moment of exposure: on the wall clock for a camera,
 //! with an offset that is measured once so that a replay gets back the exact time stamps; for any other source the stamp
