@@ -22,7 +22,7 @@ use crate::recording::recover;
 use crate::run::background::{learn_background, learn_view};
 use crate::run::{Completion, run};
 use crate::source::devices;
-use crate::status::can_redraw;
+use crate::status::{can_redraw, counted};
 use crate::watch;
 
 /// Does what the arguments say, until it is done or a signal ends it.
@@ -76,8 +76,10 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
             let damaged = report.damaged;
             writeln!(
                 out,
-                "{}: {images} frames, {seconds:.2} s; {damaged} damaged records left out",
-                output.display()
+                "{}: {}, {seconds:.2} s; {} left out",
+                output.display(),
+                counted(images, "frame"),
+                counted(damaged, "damaged record")
             )
             .context("standard output")?;
         }

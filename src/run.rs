@@ -168,16 +168,16 @@ pub fn run(
     let (to_capture, free) = sync_channel(SLOTS);
     (0..SLOTS).for_each(|_| drop(to_capture.try_send(Slot::empty())));
     let counters = Arc::new(Counters::default());
+    let (say, said) = channel();
     let capture = spawn("capture", {
-        let (counters, stop) = (Arc::clone(&counters), Arc::clone(stop));
+        let (counters, stop, say) = (Arc::clone(&counters), Arc::clone(stop), say.clone());
         let orders = Orders {
             live: info.live,
             limit: args.frames.unwrap_or(u64::MAX),
             waits: !args.no_wait,
         };
-        move || capture(source, orders, &free, &to_process, &stop, &counters)
+        move || capture(source, orders, &free, &to_process, &stop, &counters, &say)
     })?;
-    let (say, said) = channel();
     let (sink, recording) = match recorder {
         None => (Sink::Free(to_capture), None),
         Some(recorder) => {

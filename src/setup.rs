@@ -14,7 +14,7 @@ use crate::recording::series::size_estimate;
 use crate::settings::{self, Settings};
 use crate::slot::{Slot, SourceInfo};
 use crate::source::Source;
-use crate::status::tell;
+use crate::status::{counted, tell};
 
 /// A pipeline, and what it was made from.
 #[derive(Debug)]
@@ -155,8 +155,8 @@ impl Setup {
             .map(|marker| marker.name.as_str())
             .collect();
         tell(format_args!(
-            "overcam: looking for {} markers: {}",
-            names.len(),
+            "overcam: looking for {}: {}",
+            counted(names.len() as u64, "marker"),
             names.join(", ")
         ));
         for remark in &self.remarks {
@@ -170,8 +170,8 @@ impl Setup {
         }
         if matches!(self.background, Background::Learned) {
             tell(format_args!(
-                "overcam: learning the empty floor from the first {} frames; results start after them",
-                self.settings.learn
+                "overcam: learning the empty floor from the first {}; results come after that",
+                counted(u64::from(self.settings.learn), "frame")
             ));
         }
         if !args.no_publish {

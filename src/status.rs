@@ -84,15 +84,17 @@ impl Status {
         } else {
             LEARNING_PERIOD_LOG
         };
-        match self.learning_told {
-            Some(told) if now - told < period => return,
+        let is_due = match self.learning_told {
+            Some(told) => now - told >= period,
             // In a log, learning that is soon over is not worth a line.
-            None if !self.terminal => self.learning_told = Some(now),
-            _ => {
-                self.learning_told = Some(now);
-                let line = format!("overcam: learning {what}: {seen} of {of}");
-                self.show(cut(line, self.columns()));
-            }
+            None => self.terminal,
+        };
+        if is_due {
+            let line = format!("overcam: learning {what}: {seen} of {of}");
+            self.show(cut(line, self.columns()));
+        }
+        if is_due || self.learning_told.is_none() {
+            self.learning_told = Some(now);
         }
     }
 

@@ -1,6 +1,6 @@
 //! `overcam watch`: prints what a planner would read from shared memory.
 //!
-//! On a terminal that is a [`table`] of the newest scene. Elsewhere, and with `--json`, each scene becomes the line that `--json` prints for
+//! On a terminal that is a `table` of the newest scene. Elsewhere, and with `--json`, each scene becomes the line that `--json` prints for
 //! it. The watcher waits for a service that does not exist yet, stays
 //! when its publisher goes or is killed, and goes on with the next one; what happens is said on standard error, or stands in the
 //! table.

@@ -5,7 +5,7 @@
 //! The camera's frames and the results of each, on the topics that [`topics`](crate::recording::topics) lists.
 //!
 //! Settings, markers, calibration and region stand before the first message ([`Provenance`]). A new floor is
-//! the attachment `background.png` ([`Floor`](crate::floor::Floor)), written before the first frame to which it applies: the order in the file is its meaning.
+//! the attachment `background.png` ([`Floor`]), written before the first frame to which it applies: the order in the file is its meaning.
 //!
 //! A message's sequence is the frame's, in 32 bits. Its log time is the moment of exposure: on the wall clock for a camera,
 //! with an offset that is measured once so that a replay gets back the exact time stamps; for any other source the stamp
@@ -38,6 +38,7 @@ use crate::recording::image_message::{ImageEncoder, ImageError, ImageMode, Image
 use crate::recording::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
 use crate::recording::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
 use crate::slot::{Slot, SourceInfo};
+use crate::status::counted;
 
 /// A chunk is written once its newest frame is this much later than the newest one in the file.
 pub const FLUSH_INTERVAL_NS: u64 = 500_000_000;
@@ -135,7 +136,8 @@ pub enum RecordError {
     },
     /// There is no more room.
     #[error(
-        "the disk is full: {} ends after {frames} frames; make room, then `overcam recover` completes the file", path.display()
+        "the disk is full: {} ends after {}; make room, then `overcam recover` completes the file", path.display(),
+        counted(*frames, "frame")
     )]
     DiskFull {
         /// The file.
@@ -145,8 +147,9 @@ pub enum RecordError {
     },
     /// The file cannot be written any more for another reason.
     #[error(
-        "{} cannot be written any more ({source}) and ends after {frames} frames; `overcam recover` completes the file",
-        path.display()
+        "{} cannot be written any more ({source}) and ends after {}; `overcam recover` completes the file",
+        path.display(),
+        counted(*frames, "frame")
     )]
     Write {
         /// The file.
@@ -415,10 +418,11 @@ impl Recorder {
         writer.write_encoded(channel_id)?;
         let missing = missing_before(self.previous_sequence, frame.sequence);
         if missing > 0 {
-            let text = format!(
-                "{missing} frames are missing before frame {}",
-                frame.sequence
-            );
+            let are_missing = match missing {
+                1 => "1 frame is missing".to_owned(),
+                _ => format!("{missing} frames are missing"),
+            };
+            let text = format!("{are_missing} before frame {}", frame.sequence);
             writer.write(
                 self.results.log,
                 &annotate::warning(text, writer.timestamp()),

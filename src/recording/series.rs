@@ -310,23 +310,88 @@ pub fn size_estimate(info: &SourceInfo, mode: ImageMode) -> String {
 /// Two digits or, from 100 on, whole megabytes.
 fn megabytes(bytes: f64) -> String {
     let megabytes = bytes / 1e6;
-    match megabytes {
-        ..0.1 => format!("{megabytes:.3}"),
-        ..1.0 => format!("{megabytes:.2}"),
-        ..10.0 => format!("{megabytes:.1}"),
-        _ => format!("{megabytes:.0}"),
-    }
+    let decimals = [10.0, 1.0, 0.1]
+        .iter()
+        .filter(|&&least| megabytes < least)
+        .count();
+    format!("{megabytes:.decimals$}")
 }
 
 /// Measured on the demo floor, whose noise is that of a small camera.
 fn jpeg_bytes_per_px(quality: u8) -> f64 {
     match quality {
-        ..=40 => 0.07,
-        ..=60 => 0.10,
-        ..=80 => 0.12,
-        ..=87 => 0.16,
-        ..=92 => 0.23,
-        ..=96 => 0.42,
+        0..=40 => 0.07,
+        41..=60 => 0.10,
+        61..=80 => 0.12,
+        81..=87 => 0.16,
+        88..=92 => 0.23,
+        93..=96 => 0.42,
         _ => 1.5,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::PixelFormat;
+    use imgproc::Size;
+
+    #[test]
+    fn the_size_of_a_recording_is_told_from_its_frames() {
+        let info = |format, rate_hz| SourceInfo {
+            name: "camera".to_owned(),
+            size: Size {
+                width: 640,
+                height: 480,
+            },
+            format,
+            rate_hz,
+            live: true,
+            controls: None,
+        };
+        let jpeg = ImageMode::Jpeg { quality: 90 };
+        let cases = [
+            (
+                size_estimate(&info(PixelFormat::Yuyv, Some(30.0)), ImageMode::Lossless),
+                "at most 1106 MB a minute, less by what can be compressed; --record-jpeg 90 takes about 127 MB a minute",
+            ),
+            (
+                size_estimate(&info(PixelFormat::Yuyv, Some(30.0)), jpeg),
+                "about 127 MB a minute",
+            ),
+            (
+                size_estimate(&info(PixelFormat::Grey, None), ImageMode::Lossless),
+                "at most 0.31 MB a frame, less by what can be compressed; --record-jpeg 90 takes about 0.071 MB a frame",
+            ),
+            (
+                size_estimate(&info(PixelFormat::Jpeg, Some(30.0)), ImageMode::Lossless),
+                "about 127 MB a minute, as the source compresses",
+            ),
+        ];
+        for (said, expected) in cases {
+            assert_eq!(said, expected);
+        }
+    }
+
+    #[test]
+    fn names_are_numbered_before_their_ending() {
+        let name = |path, number| numbered(Path::new(path), number);
+        assert_eq!(name("a/run.mcap", 1), Path::new("a/run.mcap"));
+        assert_eq!(name("a/run.mcap", 12), Path::new("a/run-12.mcap"));
+        assert_eq!(name("run", 2), Path::new("run-2"));
+        assert_eq!(name("run-2.mcap", 2), Path::new("run-2-2.mcap"));
+        let number = |name: &str| number_of(Path::new("a/run.mcap"), Path::new(name));
+        assert_eq!(number("run-2.mcap"), Some(2));
+        assert_eq!(number("run-10.mcap"), Some(10));
+        for stranger in [
+            "run.mcap",
+            "run-1.mcap",
+            "run-02.mcap",
+            "run-2.png",
+            "run-2",
+            "run-+2.mcap",
+        ] {
+            assert_eq!(number(stranger), None, "{stranger}");
+        }
     }
 }

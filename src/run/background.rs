@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_channel};
 
 use anyhow::{Context, bail};
 use imgproc::Size;
@@ -17,7 +17,7 @@ use crate::frame::{Picture, decode};
 use crate::run::capture::{Counters, Orders, capture, joined_unless_blocked, open_source};
 use crate::run::{POLL, SLOTS, spawn, tell_camera};
 use crate::slot::{Slot, SourceInfo};
-use crate::status::{Status, tell};
+use crate::status::{Status, counted, tell};
 
 /// Learns the floor and writes it, unless `stop` is set before. One line about it goes to `out`.
 ///
@@ -50,8 +50,9 @@ pub fn learn_background(
     let Size { width, height } = floor.picture.size;
     writeln!(
         out,
-        "{}: {width} x {height}, learned from {seen} frames{fewer}; median noise {noise}",
-        args.output.display()
+        "{}: {width} x {height}, learned from {}{fewer}; median noise {noise}",
+        args.output.display(),
+        counted(u64::from(seen), "frame")
     )
     .context("standard output")
 }
@@ -85,7 +86,8 @@ pub(crate) fn learn_view<T>(
     let info = source.info();
     tell_camera(&source);
     tell(format_args!(
-        "overcam: learning {what} from {count} frames of {}",
+        "overcam: learning {what} from {} of {}",
+        counted(u64::from(count), "frame"),
         info.name
     ));
 
@@ -101,7 +103,9 @@ pub(crate) fn learn_view<T>(
                 limit: u64::MAX,
                 waits: false,
             };
-            capture(source, orders, &free, &to_process, &stop, &counters)
+            // Nothing is said of a camera that is not waited for.
+            let (say, _) = channel();
+            capture(source, orders, &free, &to_process, &stop, &counters, &say)
         }
     })?;
     let mut learner = Learner::new(info.size, count);
@@ -122,8 +126,8 @@ pub(crate) fn learn_view<T>(
         captured?;
         if stopped {
             tell(format_args!(
-                "overcam: stopped after {} frames; nothing is written",
-                learner.seen()
+                "overcam: stopped after {}; nothing is written",
+                counted(u64::from(learner.seen()), "frame")
             ));
             return Ok(None);
         }

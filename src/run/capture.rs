@@ -1,7 +1,7 @@
 //! The capture thread: opens the source and takes frames from it into free slots.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -51,7 +51,7 @@ pub(super) struct Orders {
     pub(super) waits: bool,
 }
 
-/// The capture thread: takes frames from the source into free slots.
+/// The capture thread: takes frames from the source into free slots. What a person should know meanwhile goes to `say`.
 pub(super) fn capture(
     mut source: Source,
     orders: Orders,
@@ -59,11 +59,12 @@ pub(super) fn capture(
     to_process: &SyncSender<Slot>,
     stop: &AtomicBool,
     counters: &Counters,
+    say: &Sender<String>,
 ) -> Result<(), SourceError> {
     // One slot is always at hand: a camera's frame is taken even when there is no room for it, lest the driver stalls.
     let mut slot = Slot::empty();
     let mut taken = 0;
-    let mut outage = Outage::default();
+    let mut outage = Outage::new(say);
     while taken < orders.limit && !stop.load(Ordering::Relaxed) {
         let next = source.next(&mut slot);
         if let Some(camera) = source.camera_counters() {

@@ -1,12 +1,12 @@
 //! A camera that is lost while it runs, and what is done until it is back.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use crate::run::capture::Counters;
 use crate::source::camera::Loss;
 use crate::source::{Source, SourceError};
-use crate::status::tell;
 
 /// From one try to the next. The kernel makes a node within about half a second of the plug.
 const RETRY: Duration = Duration::from_millis(100);
@@ -14,20 +14,35 @@ const RETRY: Duration = Duration::from_millis(100);
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Whether a camera is lost, and what has been said of it.
-#[derive(Debug, Default)]
-pub(super) struct Outage {
+#[derive(Debug)]
+pub(super) struct Outage<'a> {
+    /// To the thread that writes the status line.
+    say: &'a Sender<String>,
     since: Option<Instant>,
     /// Why it cannot be used yet, since when, and whether that was said.
     refusal: Option<(String, Instant, bool)>,
 }
 
-impl Outage {
+impl<'a> Outage<'a> {
+    pub(super) fn new(say: &'a Sender<String>) -> Self {
+        Self {
+            say,
+            since: None,
+            refusal: None,
+        }
+    }
+
+    fn tell(&self, message: String) {
+        // Nobody listens at the end of a run.
+        drop(self.say.send(message));
+    }
+
     /// The camera is lost, again perhaps before it gave a frame. Said once.
     pub(super) fn begin(&mut self, loss: &Loss, counters: &Counters) {
         if self.since.is_none() {
             self.since = Some(Instant::now());
-            tell(format_args!(
-                "overcam: {loss}: waiting for it to come back; until then nothing is seen"
+            self.tell(format!(
+                "{loss}: waiting for it to come back; until then nothing is seen"
             ));
         }
         counters.is_waiting.store(true, Ordering::Release);
@@ -40,12 +55,12 @@ impl Outage {
         };
         self.refusal = None;
         counters.is_waiting.store(false, Ordering::Release);
-        tell(format_args!(
-            "overcam: the camera is back after {:.1} s; frame {sequence} is its first, and the floor is the one of before",
+        self.tell(format!(
+            "the camera is back after {:.1} s; frame {sequence} is its first, and the floor is the one of before",
             since.elapsed().as_secs_f64()
         ));
         if let Some(controls) = source.info().controls {
-            tell(format_args!("overcam: camera: {controls}"));
+            self.tell(format!("camera: {controls}"));
         }
     }
 
@@ -68,13 +83,17 @@ impl Outage {
         }
         let text = error.to_string();
         match &mut self.refusal {
-            Some((said, since, is_said)) if *said == text => {
-                if !*is_said && since.elapsed() > PATIENCE {
-                    *is_said = true;
-                    tell(format_args!("overcam: still waiting: {text}"));
+            Some((last, since, is_said)) if *last == text => {
+                if *is_said || since.elapsed() < PATIENCE {
+                    return;
                 }
+                *is_said = true;
             }
-            refusal => *refusal = Some((text, Instant::now(), false)),
+            refusal => {
+                *refusal = Some((text, Instant::now(), false));
+                return;
+            }
         }
+        self.tell(format!("still waiting: {text}"));
     }
 }

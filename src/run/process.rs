@@ -18,7 +18,7 @@ use crate::run::record::FloorWish;
 use crate::run::{Books, POLL};
 use crate::setup::Setup;
 use crate::slot::Slot;
-use crate::status::{Status, is_broken_pipe};
+use crate::status::{Status, counted, is_broken_pipe};
 
 /// What the process thread works with.
 pub(super) struct ProcessStage<'a> {
@@ -232,8 +232,8 @@ impl ProcessStage<'_> {
         pipeline.relearn();
         self.relearning = true;
         self.status.say(&format!(
-            "learning the empty floor anew from the {} frames after frame {sequence}; the old one is used meanwhile",
-            self.setup.settings.learn
+            "learning the empty floor anew from the {} after frame {sequence}; the old one is used meanwhile",
+            counted(u64::from(self.setup.settings.learn), "frame")
         ));
     }
 
@@ -281,9 +281,9 @@ impl ProcessStage<'_> {
     /// To be said when there were frames and no results.
     pub(super) fn explain_silence(&self) {
         self.status.say(&format!(
-            "no results: all {} frames went into learning the empty floor; learn from fewer with --learn N, \
+            "no results: all {} went into learning the empty floor; learn from fewer with --learn N, \
              or give a picture of it with --background FILE",
-            self.books.processed
+            counted(self.books.processed, "frame")
         ));
     }
 

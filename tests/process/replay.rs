@@ -262,6 +262,26 @@ fn a_recording_in_several_files_replays_file_by_file() {
     );
 }
 
+#[test]
+fn limits_of_files_that_are_none_are_wrong_arguments() {
+    let folder = folder();
+    for flag in ["--record-max", "--record-minutes"] {
+        for value in ["0", "-1", "nan", "inf", "1e9", "many", ""] {
+            let value = format!("{flag}={value}");
+            let ended = run(folder.path(), &["--record", "run.mcap", &value]);
+            assert_eq!(ended.status, Some(2), "{value}: {:?}", ended.errors);
+        }
+        let ended = run(folder.path(), &[flag, "1"]);
+        assert_eq!(
+            ended.status,
+            Some(2),
+            "without --record: {:?}",
+            ended.errors
+        );
+    }
+    assert!(!folder.path().join("run.mcap").exists());
+}
+
 /// Names and places of the robots that a line shows.
 fn robots(line: &str) -> Vec<(String, f64, f64)> {
     let scene = parse(line);
