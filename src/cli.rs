@@ -47,6 +47,9 @@ pub enum Command {
         /// Name of the service
         #[arg(long, default_value = scene::DEFAULT_SERVICE)]
         service: String,
+        /// The group for which it is published (overcam --group)
+        #[arg(long, value_name = "NAME")]
+        group: Option<String>,
         /// Stop after this many scenes
         #[arg(long)]
         frames: Option<u64>,
@@ -222,6 +225,9 @@ pub struct RunArgs {
     /// Name of the shared-memory services
     #[arg(long, default_value = scene::DEFAULT_SERVICE)]
     pub service: String,
+    /// Let the members of this group subscribe, too, and nobody else; planners find it with OVERCAM_GROUP=NAME
+    #[arg(long, value_name = "NAME", conflicts_with = "no_publish")]
+    pub group: Option<String>,
     /// Do not publish in shared memory
     #[arg(long)]
     pub no_publish: bool,

@@ -43,9 +43,11 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         Some(Command::Devices) => devices::list(&mut out).context("standard output")?,
         Some(Command::Background(args)) => learn_background(args, &stop, &mut out)?,
         Some(Command::Markers(command)) => markers(command, &stop, &mut out)?,
-        Some(Command::Watch { service, frames }) => {
-            watch::watch(service, *frames, &stop, &mut out)?
-        }
+        Some(Command::Watch {
+            service,
+            group,
+            frames,
+        }) => watch::watch(service, group.as_deref(), *frames, &stop, &mut out)?,
         Some(Command::Recover { file, output }) => {
             let report = recover::recover(file, output)?;
             let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);

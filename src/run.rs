@@ -114,7 +114,7 @@ pub fn run(
     let publisher = if args.no_publish {
         None
     } else {
-        Some(Publisher::open(&args.service)?)
+        Some(Publisher::open_for(&args.service, args.group.as_deref())?)
     };
     // After all that takes time, lest the first frames are old.
     source.start(stop)?;
@@ -129,6 +129,9 @@ pub fn run(
         .map(|path| Recorder::create(path, &info, &setup.provenance, args.image_mode()))
         .transpose()?;
     setup.announce(args, &info);
+    if let Some(remark) = publisher.as_ref().and_then(Publisher::remark) {
+        tell(format_args!("overcam: {remark}"));
+    }
     tell_controls(&info);
 
     let (to_process, frames) = sync_channel(SLOTS);

@@ -39,7 +39,9 @@ fn child() {
         STOP.store(true, Ordering::Relaxed);
     });
     let result = match role.as_str() {
-        "watch" => watch(&service, None, &STOP, &mut std::io::stdout()).map_err(|e| e.to_string()),
+        "watch" => {
+            watch(&service, None, None, &STOP, &mut std::io::stdout()).map_err(|e| e.to_string())
+        }
         "publish" => publish_until(&service, &STOP).map_err(|e| e.to_string()),
         other => Err(format!("no role `{other}`")),
     };
@@ -402,8 +404,8 @@ fn a_watcher_ends_after_its_frames_and_with_its_pipe() {
     let mut printed = Vec::new();
     let mut pipe = ClosedPipe { lines_left: 2 };
     thread::scope(|scope| {
-        let counted = scope.spawn(|| watch(&service, Some(3), &stop, &mut printed));
-        let piped = scope.spawn(|| watch(&service, None, &stop, &mut pipe));
+        let counted = scope.spawn(|| watch(&service, None, Some(3), &stop, &mut printed));
+        let piped = scope.spawn(|| watch(&service, None, None, &stop, &mut pipe));
         let deadline = Instant::now() + PATIENCE;
         while !(counted.is_finished() && piped.is_finished()) && Instant::now() < deadline {
             publisher.send(&Scene::EMPTY).expect("published");
@@ -466,7 +468,13 @@ fn another_layout_is_refused_and_not_misread() {
         "{refused}"
     );
     let mut printed = Vec::new();
-    let refused = watch(&service, Some(1), &AtomicBool::new(false), &mut printed);
+    let refused = watch(
+        &service,
+        None,
+        Some(1),
+        &AtomicBool::new(false),
+        &mut printed,
+    );
     assert!(
         matches!(refused, Err(WatchError::Incompatible { .. })),
         "{refused:?}"

@@ -202,7 +202,7 @@ impl<W: Write> ProcessStage<'_, W> {
 
     /// What is to be done when no frame comes.
     fn while_waiting(&mut self) {
-        if let Some(publisher) = &self.publisher
+        if let Some(publisher) = &mut self.publisher
             && let Err(error) = publisher.serve_late_joiners()
         {
             self.status.say(&error.to_string());
