@@ -54,6 +54,11 @@ pub enum Command {
         #[arg(long)]
         frames: Option<u64>,
     },
+    /// Print a systemd unit that locates with these arguments: overcam service ARGUMENTS > overcam.service
+    ///
+    /// Paths become absolute, and a camera is called by the name that it keeps (/dev/v4l/by-id). Each start records into a file of
+    /// its own. The first lines of the unit say how to install it.
+    Service(Box<RunArgs>),
     /// Rewrite what is readable of a recording that was cut off
     Recover {
         /// The recording

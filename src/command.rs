@@ -1,5 +1,7 @@
 //! What each command does: from parsed arguments to the end of the program.
 
+mod service;
+
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -48,6 +50,7 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
             group,
             frames,
         }) => watch::watch(service, group.as_deref(), *frames, &stop, &mut out)?,
+        Some(Command::Service(args)) => service::print(args, &mut out)?,
         Some(Command::Recover { file, output }) => {
             let report = recover::recover(file, output)?;
             let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);

@@ -25,7 +25,7 @@
 //! * [`recording`]: frames and results into MCAP, and back;
 //! * [`publish`]: scenes into shared memory, from where [`watch`] and any planner read them; [`json`]: a scene as a line;
 //! * [`cli`] defines the arguments, [`command`] does what they say, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the
-//!   books of the frames, [`status`] shows that they live;
+//!   books of the frames, [`status`] shows that they live, `notify` tells systemd so;
 //! * `raster` draws polygons exactly, for the demo and for the markers' references.
 //!
 //! # What is deliberately absent
@@ -43,6 +43,7 @@ pub mod frame;
 pub mod jpeg;
 pub mod json;
 pub mod marker;
+mod notify;
 mod outline;
 pub mod pipeline;
 pub mod publish;

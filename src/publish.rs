@@ -21,6 +21,7 @@ mod place;
 mod presence;
 
 pub use error::{NameError, PublishError};
+pub(crate) use place::user_name;
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -43,7 +44,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use scene::{SERVICE_SUFFIX, Scene};
 
-use crate::publish::place::{Kind, Place, user_name};
+use crate::publish::place::{Kind, Place};
 use crate::publish::presence::Presence;
 
 /// The variant of iceoryx2's inter-process services whose ports may move to another thread.

@@ -33,6 +33,7 @@ use std::time::Duration;
 use anyhow::Context;
 
 use crate::cli::RunArgs;
+use crate::notify::Notify;
 use crate::publish::Publisher;
 use crate::recording::record::Recorder;
 use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
@@ -179,6 +180,7 @@ pub fn run(
         publisher,
         sink,
         status: Status::new(info.live),
+        notify: Notify::from_environment(),
         relearn,
         relearning: false,
         out,

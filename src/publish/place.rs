@@ -209,7 +209,7 @@ fn belongs(directory: &Path, error: &io::Error) -> String {
 }
 
 /// The user's name if the machine's own list has it, else the number.
-pub(super) fn user_name(uid: u32) -> String {
+pub(crate) fn user_name(uid: u32) -> String {
     let users = fs::read_to_string("/etc/passwd").unwrap_or_default();
     let name = users.lines().find_map(|line| {
         let mut fields = line.split(':');

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 
 use crate::json;
+use crate::notify::Notify;
 use crate::pipeline::Outcome;
 use crate::publish::{Publisher, monotonic_ns};
 use crate::run::{Books, POLL};
@@ -23,6 +24,7 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) publisher: Option<Publisher>,
     pub(super) sink: Sink,
     pub(super) status: Status,
+    pub(super) notify: Notify,
     /// Set from outside when the floor is to be learned anew.
     pub(super) relearn: &'a AtomicBool,
     /// The floor is being learned anew.
@@ -39,7 +41,11 @@ impl<W: Write> ProcessStage<'_, W> {
     /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
     pub(super) fn run(&mut self, frames: &Receiver<Slot>, stop: &AtomicBool) -> anyhow::Result<()> {
         let mut result = Ok(());
+        self.notify.started();
         loop {
+            let books = &self.books;
+            let status = || format!("{} frames processed", books.processed);
+            self.notify.alive(status);
             let slot = match frames.recv_timeout(POLL) {
                 Ok(slot) => slot,
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -59,6 +65,7 @@ impl<W: Write> ProcessStage<'_, W> {
                 stop.store(true, Ordering::Relaxed);
             }
         }
+        self.notify.stopping();
         self.status.clear();
         match result {
             // Whoever read our lines has seen enough.

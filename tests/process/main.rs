@@ -9,5 +9,6 @@ mod markers;
 mod output;
 mod refusals;
 mod replay;
+mod service;
 mod stopping;
 mod subscribers;
