@@ -6,7 +6,10 @@
 """
 
 import ctypes
+import glob
 import math
+import os
+import stat
 import time
 
 # The layout of crates/scene. The type names carry its version: another one is refused, not misread.
@@ -117,3 +120,87 @@ def pose_at(scene, thing, at_ns):
         [a + part * (b - a) for a, b in zip(*rows)] for rows in zip(from_covariance, to_covariance)
     ]
     return x, y, heading, covariance
+
+
+# Where overcam publishes: what the Rust crate `scene` has in the functions of the same names. A planner of the very user who runs
+# overcam can do with `iox2.config.default()`.
+
+
+def config(name):
+    """The configuration with which the service `name` ("overcam/scene") is found now; to be asked for anew while waiting for it.
+
+    With the environment variable OVERCAM_GROUP it is that of `overcam --group`. Raises FileNotFoundError until overcam has run with
+    that group, and PermissionError for whoever is not a member.
+    """
+    import iceoryx2 as iox2
+
+    def configured(root, prefix):
+        configuration = iox2.config.default()
+        configuration.global_cfg.root_path = iox2.Path.new(root)
+        configuration.global_cfg.prefix = iox2.FileName.new(prefix)
+        return configuration
+
+    def exists(configuration):
+        pattern = iox2.MessagingPattern.PublishSubscribe
+        return iox2.Service.does_exist(iox2.ServiceName.new(name), configuration, pattern, iox2.ServiceType.Ipc)
+
+    group = os.environ.get("OVERCAM_GROUP")
+    if group:
+        root = f"/dev/shm/overcam-{group}"
+        found = os.lstat(root)
+        if not stat.S_ISDIR(found.st_mode) or found.st_mode & 0o007:
+            raise PermissionError(f"{root} is no directory of a group")
+        os.listdir(root)
+        digest = 0x811C9DC5  # FNV-1a
+        for byte in group.encode():
+            digest = (digest ^ byte) * 0x01000193 & 0xFFFFFFFF
+        return configured(root, f"ovc{digest:08x}_")
+    default = iox2.config.default()
+    # Where overcam publishes if another user's files are in the way of the first place.
+    own = configured(f"/dev/shm/overcam.{os.getuid()}", f"ovu{os.getuid()}_")
+    try:
+        if exists(own):
+            return own
+        exists(default)  # raises where it is another user's
+        return default
+    except iox2.ServiceDetailsError:
+        return own
+
+
+def admit(config):
+    """Lets an overcam of another user of the group reach what this user has opened; to be called when the ports are made."""
+    settings = config.global_cfg
+    root, prefix = settings.root_path.to_string().rstrip("/"), settings.prefix.to_string()
+    if not root.startswith("/dev/shm/overcam-"):
+        return
+    gid = os.stat(root).st_gid
+    files = glob.glob(f"/dev/shm/{prefix}*") + glob.glob(f"{root}/{prefix}*")
+    # After the files: a port has its tag before its connections.
+    tags = glob.glob(f"{root}/nodes/*/*.port_tag")
+    ports = {tag.removesuffix(".port_tag").rsplit("_", 1)[1] for tag in tags}
+    for path in files:
+        try:
+            found = os.lstat(path)
+            if found.st_uid != os.getuid() or not (stat.S_ISREG(found.st_mode) or stat.S_ISSOCK(found.st_mode)):
+                continue
+            if path.endswith(".connection") and path.rsplit("_", 1)[1].removesuffix(".connection") not in ports:
+                os.unlink(path)  # of a planner that has ended; only its owner can remove it
+            elif stat.S_IMODE(found.st_mode) == 0o600:
+                os.chown(path, -1, gid)
+                os.chmod(path, 0o660)
+        except FileNotFoundError:
+            pass
+
+
+def newest(config, service):
+    """Tells the service that newcomers find from others of its name, None if there is none.
+
+    When it is no longer what it was when the service was opened, the files were removed, and the service is to be opened again.
+    """
+    settings = config.global_cfg
+    file = f"{settings.prefix.to_string()}{service.service_hash.as_str}.service"
+    try:
+        found = os.stat(f"{settings.service_dir.to_string()}/{file}")
+    except FileNotFoundError:
+        return None
+    return found.st_ino, found.st_mtime_ns

@@ -4,14 +4,15 @@ second from now, when a command may take effect.
     pip install iceoryx2==0.10.0
     python3 planner.py [NAME [SCENES]]
 
-NAME is that of `overcam --service NAME`; after SCENES scenes it ends. `planner.rs` is the same in Rust.
+NAME is that of `overcam --service NAME`; after SCENES scenes it ends. Where overcam runs with `--group GROUP`, set
+OVERCAM_GROUP=GROUP. `planner.rs` is the same in Rust.
 """
 
 import sys
 
 import iceoryx2 as iox2
 
-from overcam_scene import HAS_HEADING, KIND_MARKER, Scene, age_s, now_ns, pose_at
+from overcam_scene import HAS_HEADING, KIND_MARKER, Scene, admit, age_s, config, newest, now_ns, pose_at
 
 DELAY_NS = 500_000_000  # until a command takes effect
 
@@ -30,36 +31,58 @@ def print_robots(scene):
         )
 
 
-def subscribe(node, name):
-    """Waits until overcam runs; returns a subscriber and the listener that is woken for it."""
-    while True:
-        try:
-            scenes = node.service_builder(name).publish_subscribe(Scene).open()
-            wakeups = node.service_builder(name).event().open()
-        except (iox2.PublishSubscribeOpenError, iox2.EventOpenError) as error:
-            if "DoesNotExist" not in str(error):
-                raise
-            node.wait(iox2.Duration.from_millis(100))
-            continue
-        listener = wakeups.listener_builder().create()
+class Subscription:
+    """What is open in shared memory."""
+
+    def __init__(self, name):
+        """Waits until overcam runs."""
+        while True:
+            try:
+                self.config = config(name)
+            except FileNotFoundError:
+                self.config = iox2.config.default()  # overcam --group has not run yet
+            self.node = iox2.NodeBuilder.new().config(self.config).create(iox2.ServiceType.Ipc)
+            try:
+                service = self.node.service_builder(iox2.ServiceName.new(name))
+                self.scenes = service.publish_subscribe(Scene).open()
+                wakeups = self.node.service_builder(iox2.ServiceName.new(name)).event().open()
+                break
+            except (iox2.PublishSubscribeOpenError, iox2.EventOpenError) as error:
+                if "DoesNotExist" not in str(error):
+                    raise
+                self.node.wait(iox2.Duration.from_millis(100))
+        self.opened = newest(self.config, self.scenes)
+        self.listener = wakeups.listener_builder().create()
         # The newest scene is enough: a planner that comes late has no use for those it missed.
-        return scenes.subscriber_builder().buffer_size(1).create(), listener
+        self.subscriber = self.scenes.subscriber_builder().buffer_size(1).create()
+        admit(self.config)  # lets overcam reach them, should it run as another user of the group
+
+    def was_removed(self):
+        return newest(self.config, self.scenes) != self.opened
+
+    def scenes_until_removed(self):
+        while True:
+            self.node.wait(iox2.Duration.from_millis(0))  # ends with Ctrl-C
+            heard = False
+            while (sample := self.subscriber.receive()) is not None:
+                yield sample.payload().contents
+                sample.delete()
+                heard = True
+            if not self.listener.timed_wait(iox2.Duration.from_secs(1)) and not heard and self.was_removed():
+                return
 
 
 def main():
     service = sys.argv[1] if len(sys.argv) > 1 else "overcam"
     remaining = int(sys.argv[2]) if len(sys.argv) > 2 else sys.maxsize
     iox2.set_log_level(iox2.LogLevel.Fatal)
-    node = iox2.NodeBuilder.new().config(iox2.config.default()).create(iox2.ServiceType.Ipc)
     try:
-        subscriber, listener = subscribe(node, iox2.ServiceName.new(f"{service}/scene"))
         while remaining > 0:
-            node.wait(iox2.Duration.from_millis(0))
-            while (sample := subscriber.receive()) is not None:
-                print_robots(sample.payload().contents)
-                sample.delete()
+            for scene in Subscription(f"{service}/scene").scenes_until_removed():
+                print_robots(scene)
                 remaining -= 1
-            listener.timed_wait(iox2.Duration.from_secs(1))
+                if remaining <= 0:
+                    break
     except (iox2.NodeWaitFailure, iox2.ListenerWaitError) as error:
         if str(error) not in ("Interrupt", "TerminationRequest", "InterruptSignal"):
             raise  # else: Ctrl-C; everything in shared memory is given back

@@ -5,17 +5,20 @@
 //! cargo run --example planner -- [NAME [SCENES]]
 //! ```
 //!
-//! `NAME` is that of `overcam --service NAME`; after `SCENES` scenes it ends. It needs the crates `scene` and `iceoryx2`, and
+//! `NAME` is that of `overcam --service NAME`; after `SCENES` scenes it ends. Where overcam runs with `--group GROUP`, set
+//! `OVERCAM_GROUP=GROUP`. It needs the crates `scene` and `iceoryx2`, and
 //! `rustix` to read the clock. `planner.py` is the same in Python.
 
 use std::error::Error;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::time::Duration;
 
-use iceoryx2::port::listener::ListenerWaitError;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
+use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::event::EventOpenError;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use iceoryx2::service::port_factory::publish_subscribe;
 use rustix::time::{ClockId, clock_gettime};
 use scene::{DEFAULT_SERVICE, SERVICE_SUFFIX, Scene};
 
@@ -28,42 +31,83 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut remaining: u64 = arguments.next().map_or(Ok(u64::MAX), |n| n.parse())?;
 
     let name = ServiceName::new(&format!("{name}{SERVICE_SUFFIX}"))?;
-    let node = NodeBuilder::new()
-        .config(&Config::default())
-        .create::<ipc::Service>()?;
-    let (scenes, wakeups) = loop {
-        let scenes = node
-            .service_builder(&name)
-            .publish_subscribe::<Scene>()
-            .open();
-        let wakeups = node.service_builder(&name).event().open();
-        match (scenes, wakeups) {
-            (Ok(scenes), Ok(wakeups)) => break (scenes, wakeups),
-            (Err(PublishSubscribeOpenError::DoesNotExist), _)
-            | (_, Err(EventOpenError::DoesNotExist)) => {} // overcam does not run yet
-            (Err(error), _) => return Err(error.into()),
-            (_, Err(error)) => return Err(error.into()),
-        }
-        if node.wait(Duration::from_millis(100)).is_err() {
-            return Ok(()); // Ctrl-C
-        }
-    };
-    let listener = wakeups.listener_builder().create()?;
-    // The newest scene is enough: a planner that comes late has no use for those it missed.
-    let subscriber = scenes.subscriber_builder().buffer_size(1).create()?;
-
-    // Ctrl-C ends the wait, so that everything in shared memory is given back.
-    while remaining > 0 && node.wait(Duration::ZERO).is_ok() {
-        while let Some(scene) = subscriber.receive()? {
-            print(&scene)?;
-            remaining = remaining.saturating_sub(1);
-        }
-        match listener.timed_wait(|_| {}, Duration::from_secs(1)) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
-            Err(error) => return Err(error.into()),
+    while let Some(overcam) = Subscription::wait_for(&name)? {
+        loop {
+            // Ctrl-C ends the wait, so that everything in shared memory is given back.
+            if remaining == 0 || overcam.node.wait(Duration::ZERO).is_err() {
+                return Ok(());
+            }
+            let mut heard = false;
+            while let Some(scene) = overcam.subscriber.receive()? {
+                print(&scene)?;
+                remaining = remaining.saturating_sub(1);
+                heard = true;
+            }
+            match overcam.listener.timed_wait(|_| {}, Duration::from_secs(1)) {
+                // Silence: the service's files may have been removed, and overcam has made new ones.
+                Ok(0) if !heard && !overcam.is_current() => break,
+                Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
+                Err(error) => return Err(error.into()),
+            }
         }
     }
     Ok(())
+}
+
+/// What is open in shared memory. Ports go before the services they belong to, and these before the node.
+struct Subscription {
+    subscriber: Subscriber<ipc::Service, Scene, ()>,
+    listener: Listener<ipc::Service>,
+    scenes: publish_subscribe::PortFactory<ipc::Service, Scene, ()>,
+    node: Node<ipc::Service>,
+}
+
+impl Subscription {
+    /// Waits until overcam runs. `None`: Ctrl-C.
+    fn wait_for(name: &ServiceName) -> Result<Option<Self>, Box<dyn Error>> {
+        loop {
+            // With the environment variable OVERCAM_GROUP, where `overcam --group` publishes. It may not be there yet.
+            let config = match scene::config(name) {
+                Ok(config) => config,
+                Err(error) if error.kind() == ErrorKind::NotFound => Config::default(),
+                Err(error) => return Err(error.into()),
+            };
+            let node = NodeBuilder::new()
+                .config(&config)
+                .create::<ipc::Service>()?;
+            let scenes = node
+                .service_builder(name)
+                .publish_subscribe::<Scene>()
+                .open();
+            let wakeups = node.service_builder(name).event().open();
+            match (scenes, wakeups) {
+                (Ok(scenes), Ok(wakeups)) => {
+                    let listener = wakeups.listener_builder().create()?;
+                    // The newest scene is enough: a planner that comes late has no use for those it missed.
+                    let subscriber = scenes.subscriber_builder().buffer_size(1).create()?;
+                    // Lets overcam reach them, should it run as another user of the group.
+                    scene::admit(&config)?;
+                    return Ok(Some(Self {
+                        subscriber,
+                        listener,
+                        scenes,
+                        node,
+                    }));
+                }
+                (Err(PublishSubscribeOpenError::DoesNotExist), _)
+                | (_, Err(EventOpenError::DoesNotExist)) => {} // overcam does not run yet
+                (Err(error), _) => return Err(error.into()),
+                (_, Err(error)) => return Err(error.into()),
+            }
+            if node.wait(Duration::from_millis(100)).is_err() {
+                return Ok(None);
+            }
+        }
+    }
+
+    fn is_current(&self) -> bool {
+        scene::is_current(&self.scenes, self.node.config())
+    }
 }
 
 fn print(scene: &Scene) -> std::io::Result<()> {

@@ -54,6 +54,9 @@ pub enum Command {
         /// Name of the service
         #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
         service: String,
+        /// The group for which it is published (overcam --group)
+        #[arg(long, value_name = "NAME")]
+        group: Option<String>,
         /// Stop after this many scenes
         #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
         frames: Option<u64>,
@@ -61,6 +64,11 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Print a systemd unit that locates with these arguments: overcam service ARGUMENTS > overcam.service
+    ///
+    /// Paths become absolute, and a camera is called by the name that it keeps (/dev/v4l/by-id). Each start records into a file of
+    /// its own. The first lines of the unit say how to install it.
+    Service(Box<RunArgs>),
     /// Rewrite what is readable of a recording that was cut off
     Recover {
         /// The recording
@@ -249,6 +257,9 @@ pub struct RunArgs {
     /// Name of the shared-memory services
     #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
     pub service: String,
+    /// Let the members of this group subscribe, too, and nobody else; planners find it with OVERCAM_GROUP=NAME
+    #[arg(long, value_name = "NAME", conflicts_with = "no_publish")]
+    pub group: Option<String>,
     /// Do not publish in shared memory
     #[arg(long)]
     pub no_publish: bool,

@@ -1,6 +1,7 @@
 //! What each command does: from parsed arguments to the end of the program.
 
 mod man;
+mod service;
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -52,6 +53,7 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         Command::Markers(command) => markers(command, &stop, &mut out)?,
         Command::Watch {
             service,
+            group,
             frames,
             json,
         } => {
@@ -59,10 +61,10 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
             drop(out);
             let mut out = std::io::stdout();
             if !json && can_redraw(&out) {
-                watch::watch_table(service, *frames, &stop, &mut out)?;
+                watch::watch_table(service, group.as_deref(), *frames, &stop, &mut out)?;
             } else {
                 let mut out = StoppableWriter::start(out, &stop).context("standard output")?;
-                watch::watch(service, *frames, &stop, &mut out)?;
+                watch::watch(service, group.as_deref(), *frames, &stop, &mut out)?;
                 unless_unread(out.finish())?;
             }
         }
@@ -70,6 +72,7 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         Command::Completions { shell } => {
             unless_unread(man::print_completions(*shell, &mut out))?;
         }
+        Command::Service(args) => service::print(args, &mut out)?,
         Command::Recover { file, output } => {
             let report = recover::recover(file, output)?;
             let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);

@@ -26,7 +26,7 @@
 //! * [`publish`]: scenes into shared memory, from where [`watch`] and any planner read them; [`json`]: a scene as a line,
 //!   `lines`: its way to standard output;
 //! * [`cli`] defines the arguments, [`command`] does what they say, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the
-//!   books of the frames, [`status`] shows that they live;
+//!   books of the frames, [`status`] shows that they live, `notify` tells systemd so;
 //! * `raster` draws polygons exactly, for the demo and for the markers' references.
 //!
 //! # What is deliberately absent
@@ -45,6 +45,7 @@ pub mod jpeg;
 pub mod json;
 mod lines;
 pub mod marker;
+mod notify;
 mod outline;
 pub mod pipeline;
 pub mod publish;

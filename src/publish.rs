@@ -1,16 +1,30 @@
 //! Scenes out to planners on the same machine, through shared memory.
 //!
 //! An iceoryx2 publish-subscribe service carries each [`Scene`] and an event service of the same name wakes those who wait for
-//! it. A subscriber reads the scene in place: what it costs to have many subscribers is one pointer each.
+//! it. A subscriber reads the scene in place: what it costs to have many subscribers is one pointer each. Subscribers map scenes for
+//! reading only.
 //!
 //! The publisher never waits for a subscriber. A slow one loses its oldest scenes (safe overflow), a stopped or killed one
 //! fills its own queue and nobody else's, and what a killed one leaves behind is removed now and then. The last scene is kept
 //! for late joiners. One service has one publisher: a second one is refused while the first lives, and takes over what a
-//! killed first one left behind, subscribers included.
+//! killed first one left behind, subscribers included. When the files are removed while they are in use, the service is opened anew.
+//!
+//! `place` says where the files are and who may reach them, `presence` whether they are still there, `leftovers` who is behind a
+//! service that cannot be opened.
 //!
 //! Deliberately absent: the configuration files of iceoryx2, which it would look for in the working directory (planners use
-//! `Config::default()` as well), its signal handlers (the program has its own) and its log (errors are returned).
+//! `Config::default()` or `scene::config` as well), its signal handlers (the program has its own) and its log (errors are returned).
 
+mod error;
+pub(crate) mod leftovers;
+mod place;
+mod presence;
+
+pub use error::{NameError, PublishError};
+pub(crate) use place::user_name;
+
+use std::fs;
+use std::os::unix::fs::MetadataExt;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -19,14 +33,19 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::{Publisher as ScenePort, PublisherCreateError};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{
-    BackpressureStrategy, CallbackProgression, Config, LogLevel, Node, NodeBuilder, NodeState,
-    PortFactory, ServiceName, SignalHandlingMode, ipc_threadsafe, set_log_level,
+    BackpressureStrategy, CallbackProgression, Config, LogLevel, MessagingPattern, Node,
+    NodeBuilder, NodeState, PortFactory, ServiceName, SignalHandlingMode, ipc_threadsafe,
+    set_log_level,
 };
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
-    PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use scene::{SERVICE_SUFFIX, Scene};
+
+use crate::publish::place::{Kind, Place};
+use crate::publish::presence::Presence;
 
 /// The variant of iceoryx2's inter-process services whose ports may move to another thread.
 pub(crate) type Ipc = ipc_threadsafe::Service;
@@ -52,164 +71,199 @@ const MAX_NODES: usize = MAX_SUBSCRIBERS + 4;
 const TAKEOVER_PATIENCE: Duration = Duration::from_secs(2);
 /// Shortest time between two looks for subscribers that died. A look takes about 0.2 ms a subscriber.
 const CLEANUP_PERIOD_NS: u64 = 5_000_000_000;
-
-/// Why a name cannot name a service.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum NameError {
-    /// There is nothing in front of the suffix.
-    #[error("the name of a service is empty: give one with --service NAME")]
-    Empty,
-    /// The name does not fit.
-    #[error("service name `{name}` has {length} characters: at most {max} are possible")]
-    TooLong {
-        /// The name.
-        name: String,
-        /// Its length in bytes.
-        length: usize,
-        /// The greatest possible length in bytes.
-        max: usize,
-    },
-    /// The name holds something other than visible ASCII characters.
-    #[error(
-        "service name {name:?} contains {character:?}: use letters, digits and punctuation of ASCII, without spaces"
-    )]
-    Character {
-        /// The name.
-        name: String,
-        /// The first character that is not possible.
-        character: char,
-    },
-    /// The middleware keeps such names for itself.
-    #[error(
-        "service name `{name}` is reserved by iceoryx2: choose one that does not start with `iox2://`"
-    )]
-    Reserved {
-        /// The name.
-        name: String,
-    },
-}
-
-/// Why scenes cannot be published. None of them is a reason to stop processing frames.
-#[derive(Debug, thiserror::Error)]
-pub enum PublishError {
-    /// The name cannot name a service.
-    #[error(transparent)]
-    Name(#[from] NameError),
-    /// Another process publishes on this service.
-    #[error(
-        "service `{service}` is already published by process {pid}: stop that one, or choose another name with --service NAME"
-    )]
-    Taken {
-        /// The service.
-        service: String,
-        /// The process that publishes.
-        pid: i32,
-    },
-    /// A publisher died and could not be cleared away.
-    #[error(
-        "service `{service}` is blocked by a publisher that died: try again, or choose another name with --service NAME"
-    )]
-    Blocked {
-        /// The service.
-        service: String,
-    },
-    /// Subscribers, or another version of the program, keep the service open with another layout or other capacities.
-    #[error(
-        "service `{service}` is in use by programs of another version ({reason}): stop them, or choose another name with --service NAME"
-    )]
-    Incompatible {
-        /// The service.
-        service: String,
-        /// What differs, in the middleware's words.
-        reason: String,
-    },
-    /// The files of the middleware cannot be written, as a rule because they belong to another user.
-    #[error(
-        "service `{service}` cannot be opened ({reason}): do /tmp/iceoryx2 and /dev/shm/iox2_* belong to another user? run as that user, or with --no-publish"
-    )]
-    Denied {
-        /// The service.
-        service: String,
-        /// What failed, in the middleware's words.
-        reason: String,
-    },
-    /// There is too little shared memory left. Going on would end the program in the middle of a scene.
-    #[error(
-        "service `{service}` needs {needed_kib} KiB in {SHARED_MEMORY} and {free_kib} KiB are free: enlarge it (docker: --shm-size), or use --no-publish"
-    )]
-    NoRoom {
-        /// The service.
-        service: String,
-        /// What the service may take.
-        needed_kib: u64,
-        /// What is left.
-        free_kib: u64,
-    },
-    /// The service could not be opened for another reason.
-    #[error("service `{service}` cannot be opened ({reason}): --no-publish does without it")]
-    Open {
-        /// The service.
-        service: String,
-        /// What failed, in the middleware's words.
-        reason: String,
-    },
-    /// One scene did not reach all subscribers; the next one may.
-    #[error("scene {sequence} was not published on `{service}` ({reason})")]
-    Send {
-        /// The service.
-        service: String,
-        /// Number of the scene's frame.
-        sequence: u64,
-        /// What failed, in the middleware's words.
-        reason: String,
-    },
-    /// Subscribers could not be connected or woken; they see the next scene later, or not at all.
-    #[error("subscribers of `{service}` were not woken ({reason})")]
-    Wake {
-        /// The service.
-        service: String,
-        /// What failed, in the middleware's words.
-        reason: String,
-    },
-}
+/// Time between two looks at whether the files are still there. A look takes some microseconds.
+const PRESENCE_PERIOD_NS: u64 = 1_000_000_000;
+/// First wait before those who were not reached are tried again, in the place of a group; it doubles each time.
+const RETRY_NS: u64 = 100_000_000;
+/// Longest such wait.
+const RETRY_MAX_NS: u64 = 60_000_000_000;
 
 /// The one publisher of a service. Everything is removed from shared memory when it is dropped.
 #[derive(Debug)]
 pub struct Publisher {
-    // Ports go before the services they belong to, and these before the node.
-    port: ScenePort<Ipc, Scene, ()>,
-    notifier: Notifier<Ipc>,
-    service: publish_subscribe::PortFactory<Ipc, Scene, ()>,
-    event: event::PortFactory<Ipc>,
+    name: ServiceName,
+    group: Option<String>,
+    place: Place,
+    remark: Option<String>,
+    /// Missing while it cannot be opened again after its files were removed.
+    ports: Option<Ports>,
+    /// What was said last about that.
+    lost: Option<String>,
+    /// `CLOCK_MONOTONIC` of the last look at the files.
+    looked_ns: u64,
     /// `CLOCK_MONOTONIC` of the last look for dead subscribers.
     cleaned_ns: u64,
+    /// `CLOCK_MONOTONIC` from which those who were not reached are tried again, and the wait after that.
+    retry: (u64, u64),
+}
+
+/// What is open in shared memory.
+#[derive(Debug)]
+struct Ports {
+    // Ports go before the services they belong to, and these before the node.
+    port: ScenePort<Ipc, Scene, ()>,
+    /// Missing only if it could not be made again.
+    notifier: Option<Notifier<Ipc>>,
+    service: publish_subscribe::PortFactory<Ipc, Scene, ()>,
+    event: event::PortFactory<Ipc>,
+    presence: Presence,
 }
 
 impl Publisher {
-    /// Opens the services `name/scene` for publication, and first clears away what killed processes left behind.
+    /// Opens the services `name/scene` for publication, and first clears away what killed processes left behind. Subscribers are
+    /// programs of the same user, and of root.
     ///
     /// # Errors
     ///
-    /// All but [`PublishError::Send`] and [`PublishError::Wake`].
+    /// All but those of [`Publisher::send`].
     pub fn open(name: &str) -> Result<Self, PublishError> {
-        let service = service_name(name)?;
+        Self::open_for(name, None)
+    }
+
+    /// The same; with a `group`, its members can subscribe.
+    ///
+    /// # Errors
+    ///
+    /// All but those of [`Publisher::send`].
+    pub fn open_for(name: &str, group: Option<&str>) -> Result<Self, PublishError> {
+        let name = service_name(name)?;
         set_log_level(LogLevel::Fatal);
-        let deadline = Instant::now() + TAKEOVER_PATIENCE;
-        loop {
-            check_room(service)?;
-            match Self::try_open(service) {
-                Err(PublishError::Blocked { .. }) if Instant::now() < deadline => {
-                    thread::sleep(Duration::from_millis(20));
+        let (place, ports, remark) = open_anywhere(name, group, TAKEOVER_PATIENCE)?;
+        let now_ns = monotonic_ns();
+        Ok(Self {
+            name,
+            group: group.map(ToOwned::to_owned),
+            place,
+            remark,
+            ports: Some(ports),
+            lost: None,
+            looked_ns: now_ns,
+            cleaned_ns: now_ns,
+            retry: (0, RETRY_NS),
+        })
+    }
+
+    /// What a user should know about where it is published, if it is not where every planner looks.
+    #[must_use]
+    pub fn remark(&self) -> Option<&str> {
+        self.remark.as_deref()
+    }
+
+    /// Publishes `scene` with [`Scene::published_ns`] set to now, and wakes those who wait for it. Waits for nobody, but up to 30 ms
+    /// for a member of the group that has just come.
+    ///
+    /// # Errors
+    ///
+    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed. [`PublishError::Removed`] and
+    /// [`PublishError::Lost`] say what was found; the scene was published if that was possible.
+    pub fn send(&mut self, scene: &Scene) -> Result<(), PublishError> {
+        let now_ns = monotonic_ns();
+        let presence = self.look_after_files(now_ns);
+        let Some(ports) = &mut self.ports else {
+            return presence;
+        };
+        let n_reached = ports.send(scene, now_ns)?;
+        let n_woken = ports.wake()?;
+        let n_subscribers = ports.service.dynamic_config().number_of_subscribers();
+        let n_listeners = ports.event.dynamic_config().number_of_listeners();
+        if n_woken < n_listeners {
+            self.clear_away_dead_subscribers(now_ns);
+        }
+        if n_woken < n_listeners || n_reached < n_subscribers {
+            self.try_unreached_again(now_ns);
+        } else {
+            self.retry = (now_ns + RETRY_NS, RETRY_NS);
+        }
+        presence
+    }
+
+    /// Hands the last scene to subscribers that came after it, and wakes them. To be called now and then while no frame
+    /// comes; [`Publisher::send`] does the same. Those who have the scene already are woken too, and find nothing new.
+    ///
+    /// # Errors
+    ///
+    /// As for [`Publisher::send`].
+    pub fn serve_late_joiners(&mut self) -> Result<(), PublishError> {
+        let presence = self.look_after_files(monotonic_ns());
+        let Some(ports) = &mut self.ports else {
+            return presence;
+        };
+        ports.update_connections()?;
+        let n_woken = ports.wake()?;
+        if n_woken < ports.event.dynamic_config().number_of_listeners() {
+            self.try_unreached_again(monotonic_ns());
+        }
+        presence
+    }
+
+    /// Opens the service anew when its files were removed.
+    fn look_after_files(&mut self, now_ns: u64) -> Result<(), PublishError> {
+        if now_ns.saturating_sub(self.looked_ns) < PRESENCE_PERIOD_NS {
+            return Ok(());
+        }
+        self.looked_ns = now_ns;
+        let file = match &self.ports {
+            Some(ports) => match ports.presence.missing() {
+                None => {
+                    self.place.admit();
+                    return Ok(());
                 }
-                result => return result,
+                Some(file) => file.display().to_string(),
+            },
+            None => "shared memory".to_owned(),
+        };
+        // First, as there is room for one publisher.
+        self.ports = None;
+        match open_anywhere(self.name, self.group.as_deref(), Duration::ZERO) {
+            Ok((place, ports, remark)) => {
+                (self.place, self.ports, self.remark) = (place, Some(ports), remark);
+                self.lost = None;
+                Err(PublishError::Removed {
+                    service: self.name.to_string(),
+                    file,
+                })
+            }
+            Err(error) => {
+                let reason = error.to_string();
+                if self.lost.as_ref() == Some(&reason) {
+                    return Ok(());
+                }
+                self.lost = Some(reason.clone());
+                Err(PublishError::Lost { file, reason })
             }
         }
     }
 
-    fn try_open(name: ServiceName) -> Result<Self, PublishError> {
-        let node = node().map_err(|failure| PublishError::Denied {
-            service: name.to_string(),
-            reason: failure.to_string(),
+    /// A killed process's socket refuses its wake-up. What a process leaves that died without ever waiting is cleared away by the next
+    /// one that comes.
+    fn clear_away_dead_subscribers(&mut self, now_ns: u64) {
+        if let Some(ports) = &self.ports
+            && now_ns.saturating_sub(self.cleaned_ns) > CLEANUP_PERIOD_NS
+        {
+            self.cleaned_ns = now_ns;
+            ports.service.try_cleanup_dead_nodes();
+        }
+    }
+
+    /// A subscriber of another user is reached once it has opened its files to the group. iceoryx2 tries only once, when it comes.
+    fn try_unreached_again(&mut self, now_ns: u64) {
+        let (due_ns, wait_ns) = self.retry;
+        if self.place.kind != Kind::Group || now_ns < due_ns {
+            return;
+        }
+        self.retry = (now_ns + wait_ns, (2 * wait_ns).min(RETRY_MAX_NS));
+        if let Some(ports) = &mut self.ports {
+            ports.connect_anew();
+            self.place.admit();
+        }
+    }
+}
+
+impl Ports {
+    fn open(place: &Place, name: ServiceName) -> Result<Self, PublishError> {
+        let node = node(&place.config).map_err(|failure| match failure {
+            NodeCreationFailure::InsufficientPermissions => denied(name, failure),
+            other => open_error(name, other),
         })?;
         let service = node
             .service_builder(&name)
@@ -222,7 +276,10 @@ impl Publisher {
             .enable_safe_overflow(true)
             .max_nodes(MAX_NODES)
             .open_or_create()
-            .map_err(|error| scene_service_error(name, error))?;
+            .map_err(|error| scene_service_error(place, name, error))?;
+        if place.kind == Kind::Default {
+            refuse_foreign(place, name)?;
+        }
         let port = service
             .publisher_builder()
             .max_loaned_samples(1)
@@ -233,26 +290,29 @@ impl Publisher {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => taken(name, &service),
                 other => open_error(name, other),
             })?;
-        let event = event_service(&node, name)?;
+        let event = event_service(place, &node, name)?;
         let notifier = event
             .notifier_builder()
             .create()
             .map_err(|error| open_error(name, error))?;
+        place.admit();
+        let numbers = [
+            port.id().value(),
+            service.unique_service_id().value(),
+            event.unique_service_id().value(),
+        ];
+        let presence = Presence::of(&place.config, &name, node.id().value(), &numbers);
         Ok(Self {
             port,
-            notifier,
+            notifier: Some(notifier),
             service,
             event,
-            cleaned_ns: monotonic_ns(),
+            presence,
         })
     }
 
-    /// Publishes `scene` with [`Scene::published_ns`] set to now, and wakes those who wait for it. Waits for nobody.
-    ///
-    /// # Errors
-    ///
-    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed.
-    pub fn send(&mut self, scene: &Scene) -> Result<(), PublishError> {
+    /// Returns how many subscribers were reached.
+    fn send(&self, scene: &Scene, now_ns: u64) -> Result<usize, PublishError> {
         let failed = |reason: String| PublishError::Send {
             service: self.service.name().to_string(),
             sequence: scene.sequence,
@@ -263,42 +323,36 @@ impl Publisher {
             .loan_uninit()
             .map_err(|error| failed(error.to_string()))?;
         let mut sample = loan.write_payload(*scene);
-        let now_ns = monotonic_ns();
         sample.payload_mut().published_ns = now_ns;
-        sample.send().map_err(|error| failed(error.to_string()))?;
-        let n_woken = self.wake()?;
-        self.clear_away_dead_subscribers(n_woken, now_ns);
-        Ok(())
-    }
-
-    /// Hands the last scene to subscribers that came after it, and wakes them. To be called now and then while no frame
-    /// comes; [`Publisher::send`] does the same. Those who have the scene already are woken too, and find nothing new.
-    ///
-    /// # Errors
-    ///
-    /// [`PublishError::Wake`]; the next call may succeed.
-    pub fn serve_late_joiners(&self) -> Result<(), PublishError> {
-        self.port
-            .update_connections()
-            .map_err(|error| self.not_woken(error))?;
-        self.wake()?;
-        Ok(())
+        sample.send().map_err(|error| failed(error.to_string()))
     }
 
     /// Returns how many were woken.
-    fn wake(&self) -> Result<usize, PublishError> {
-        self.notifier
-            .notify()
+    fn wake(&mut self) -> Result<usize, PublishError> {
+        if self.notifier.is_none() {
+            self.notifier = self.event.notifier_builder().create().ok();
+        }
+        match self.notifier.as_ref().map(Notifier::notify) {
+            Some(Ok(n_woken)) => Ok(n_woken),
+            Some(Err(error)) => Err(self.not_woken(error)),
+            None => Err(self.not_woken("there is no notifier")),
+        }
+    }
+
+    fn update_connections(&self) -> Result<(), PublishError> {
+        self.port
+            .update_connections()
             .map_err(|error| self.not_woken(error))
     }
 
-    /// Looks only where fewer were woken than registered, as a killed process's socket refuses its wake-up. What a process
-    /// leaves that died without ever waiting is cleared away by the next one that comes.
-    fn clear_away_dead_subscribers(&mut self, n_woken: usize, now_ns: u64) {
-        let n_registered = self.event.dynamic_config().number_of_listeners();
-        if n_woken < n_registered && now_ns.saturating_sub(self.cleaned_ns) > CLEANUP_PERIOD_NS {
-            self.cleaned_ns = now_ns;
-            self.service.try_cleanup_dead_nodes();
+    /// Makes iceoryx2 connect to all subscribers that it could not connect to when they came: it does so when one comes or goes, and
+    /// a notifier does so when it is made.
+    fn connect_anew(&mut self) {
+        self.notifier = None;
+        self.notifier = self.event.notifier_builder().create().ok();
+        if let Ok(_one_that_comes) = self.service.subscriber_builder().buffer_size(1).create() {
+            // It is tried again later.
+            let _ = self.port.update_connections();
         }
     }
 
@@ -307,6 +361,86 @@ impl Publisher {
             service: self.service.name().to_string(),
             reason: error.to_string(),
         }
+    }
+}
+
+/// Opens the service where planners look first, or else where this user's own look, too; with a group, in its place.
+fn open_anywhere(
+    name: ServiceName,
+    group: Option<&str>,
+    patience: Duration,
+) -> Result<(Place, Ports, Option<String>), PublishError> {
+    if let Some(group) = group {
+        let place = Place::of_group(group)?;
+        place.sweep();
+        let ports = open_patiently(&place, name, patience)?;
+        return Ok((place, ports, None));
+    }
+    let first = Place::default().and_then(|place| match open_patiently(&place, name, patience) {
+        Err(PublishError::Denied { reason, .. }) => Err(reason),
+        result => Ok(result.map(|ports| (place, ports, None))),
+    });
+    let reason = match first {
+        Ok(result) => return result,
+        Err(reason) => reason,
+    };
+    let place = Place::of_user().map_err(|own| denied(name, format!("{reason}; {own}")))?;
+    let ports = open_patiently(&place, name, patience)?;
+    let remark = format!(
+        "{reason}; publishing in {} instead, where `overcam watch` and planners that use scene::config look, too",
+        place.root().display()
+    );
+    Ok((place, ports, Some(remark)))
+}
+
+/// Waits while another process clears away a dead publisher, and then does it itself.
+fn open_patiently(
+    place: &Place,
+    name: ServiceName,
+    patience: Duration,
+) -> Result<Ports, PublishError> {
+    let deadline = Instant::now() + patience;
+    loop {
+        check_room(name)?;
+        let error = match Ports::open(place, name) {
+            Err(PublishError::Blocked { .. }) if Instant::now() < deadline => {
+                thread::sleep(Duration::from_millis(20));
+                continue;
+            }
+            Err(error @ (PublishError::Blocked { .. } | PublishError::Incompatible { .. })) => {
+                error
+            }
+            result => return result,
+        };
+        let Some(programs) = leftovers::programs(&place.config, &name) else {
+            return Ports::open(place, name);
+        };
+        // A blocked service has no publisher and cannot get one, whoever else has it open.
+        if programs.alive && matches!(error, PublishError::Incompatible { .. }) {
+            return Err(PublishError::Incompatible {
+                service: name.to_string(),
+                reason: programs.reason,
+            });
+        }
+        if let Err(files) = programs.remove(&place.config) {
+            return Err(PublishError::Leftover {
+                service: name.to_string(),
+                reason: programs.reason,
+                files,
+            });
+        }
+        return Ports::open(place, name);
+    }
+}
+
+/// Nothing of another user is used: it could be read only by that user, and be meant to do harm.
+fn refuse_foreign(place: &Place, name: ServiceName) -> Result<(), PublishError> {
+    let file = scene::static_file(&place.config, &name, MessagingPattern::PublishSubscribe);
+    match fs::symlink_metadata(&file) {
+        Ok(found) if found.uid() != rustix::process::geteuid().as_raw() => {
+            Err(foreign(place, name))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -342,9 +476,9 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, NameError> {
 }
 
 /// A participant that follows no configuration file and leaves signals alone. Creating it clears away dead ones.
-pub(crate) fn node() -> Result<Node<Ipc>, NodeCreationFailure> {
+pub(crate) fn node(config: &Config) -> Result<Node<Ipc>, NodeCreationFailure> {
     NodeBuilder::new()
-        .config(&Config::default())
+        .config(config)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create()
 }
@@ -366,6 +500,7 @@ fn check_room(service: ServiceName) -> Result<(), PublishError> {
 }
 
 fn event_service(
+    place: &Place,
     node: &Node<Ipc>,
     name: ServiceName,
 ) -> Result<event::PortFactory<Ipc>, PublishError> {
@@ -375,7 +510,7 @@ fn event_service(
         .max_listeners(MAX_SUBSCRIBERS)
         .max_nodes(MAX_NODES)
         .open_or_create()
-        .map_err(|error| open_error(name, error))
+        .map_err(|error| event_service_error(place, name, error))
 }
 
 /// Who has the place of the one publisher: a living process, or the remains of a dead one.
@@ -405,32 +540,104 @@ fn taken(
 }
 
 fn scene_service_error(
+    place: &Place,
     service: ServiceName,
     error: PublishSubscribeOpenOrCreateError,
 ) -> PublishError {
+    use PublishSubscribeCreateError as Create;
     use PublishSubscribeOpenError as Open;
+    use PublishSubscribeOpenOrCreateError as Both;
     match error {
-        PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
-            reason @ (Open::IncompatibleTypes
+        Both::PublishSubscribeOpenError(
+            Open::IncompatibleTypes
             | Open::VersionMismatch
+            | Open::ServiceInCorruptedState
+            | Open::IncompatibleMessagingPattern
             | Open::IncompatibleOverflowBehavior
             | Open::DoesNotSupportRequestedMinBufferSize
             | Open::DoesNotSupportRequestedMinHistorySize
+            | Open::DoesNotSupportRequestedMinSubscriberBorrowedSamples
             | Open::DoesNotSupportRequestedAmountOfPublishers
             | Open::DoesNotSupportRequestedAmountOfSubscribers
-            | Open::DoesNotSupportRequestedAmountOfNodes),
-        ) => PublishError::Incompatible {
-            service: service.to_string(),
-            reason: format!("{reason:?}"),
-        },
-        PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
-            reason @ Open::InsufficientPermissions,
-        ) => PublishError::Denied {
-            service: service.to_string(),
-            reason: reason.to_string(),
-        },
+            | Open::DoesNotSupportRequestedAmountOfNodes,
+        ) => incompatible(service, error),
+        Both::PublishSubscribeOpenError(Open::HangsInCreation | Open::IsMarkedForDestruction)
+        | Both::PublishSubscribeCreateError(
+            Create::HangsInCreation
+            | Create::IsBeingCreatedByAnotherInstance
+            | Create::ServiceInCorruptedState,
+        )
+        | Both::SystemInFlux => blocked(service),
+        Both::PublishSubscribeOpenError(Open::InsufficientPermissions)
+        | Both::PublishSubscribeCreateError(Create::InsufficientPermissions) => {
+            foreign(place, service)
+        }
         other => open_error(service, other),
     }
+}
+
+fn event_service_error(
+    place: &Place,
+    service: ServiceName,
+    error: EventOpenOrCreateError,
+) -> PublishError {
+    use EventCreateError as Create;
+    use EventOpenError as Open;
+    use EventOpenOrCreateError as Both;
+    match error {
+        Both::EventOpenError(
+            Open::VersionMismatch
+            | Open::ServiceInCorruptedState
+            | Open::IncompatibleMessagingPattern
+            | Open::DoesNotSupportRequestedAmountOfNotifiers
+            | Open::DoesNotSupportRequestedAmountOfListeners
+            | Open::DoesNotSupportRequestedMaxEventId
+            | Open::DoesNotSupportRequestedAmountOfNodes,
+        ) => incompatible(service, error),
+        Both::EventOpenError(Open::HangsInCreation | Open::IsMarkedForDestruction)
+        | Both::EventCreateError(
+            Create::IsBeingCreatedByAnotherInstance | Create::ServiceInCorruptedState,
+        )
+        | Both::SystemInFlux => blocked(service),
+        Both::EventOpenError(Open::InsufficientPermissions)
+        | Both::EventCreateError(Create::InsufficientPermissions) => foreign(place, service),
+        other => open_error(service, other),
+    }
+}
+
+/// What differs is looked up later.
+fn incompatible(service: ServiceName, error: impl ToString) -> PublishError {
+    PublishError::Incompatible {
+        service: service.to_string(),
+        reason: error.to_string(),
+    }
+}
+
+fn blocked(service: ServiceName) -> PublishError {
+    PublishError::Blocked {
+        service: service.to_string(),
+    }
+}
+
+fn denied(service: ServiceName, reason: impl ToString) -> PublishError {
+    PublishError::Denied {
+        service: service.to_string(),
+        reason: reason.to_string(),
+    }
+}
+
+/// The service's files belong to another user.
+fn foreign(place: &Place, service: ServiceName) -> PublishError {
+    let file = scene::static_file(&place.config, &service, MessagingPattern::PublishSubscribe);
+    let reason = match fs::symlink_metadata(&file) {
+        Ok(found) => format!(
+            "{} belongs to user {}",
+            file.display(),
+            user_name(found.uid())
+        ),
+        Err(_) => format!("files in {} belong to another user", place.root().display()),
+    };
+    denied(service, reason)
 }
 
 fn open_error(service: ServiceName, error: impl ToString) -> PublishError {

@@ -41,6 +41,7 @@ use anyhow::Context;
 
 use crate::cli::RunArgs;
 use crate::lines::Lines;
+use crate::notify::Notify;
 use crate::publish::Publisher;
 use crate::recording::series::Series;
 use crate::run::capture::{Counters, Orders, capture, open_source};
@@ -144,7 +145,7 @@ pub fn run(
     let publisher = if args.no_publish {
         None
     } else {
-        Some(Publisher::open(&args.service)?)
+        Some(Publisher::open_for(&args.service, args.group.as_deref())?)
     };
     // After all that takes time, lest the first frames are old.
     source.start(stop)?;
@@ -162,6 +163,9 @@ pub fn run(
         })
         .transpose()?;
     setup.announce(args, &info);
+    if let Some(remark) = publisher.as_ref().and_then(Publisher::remark) {
+        tell(format_args!("overcam: {remark}"));
+    }
     tell_camera(&source);
 
     let (to_process, frames) = sync_channel(SLOTS);
@@ -208,6 +212,7 @@ pub fn run(
         sink,
         status: Status::new(info.live),
         said: &said,
+        notify: Notify::from_environment(),
         relearn,
         relearning: false,
         lines: lines

@@ -176,8 +176,12 @@ impl Setup {
         }
         if !args.no_publish {
             let service = &args.service;
+            let group = match &args.group {
+                Some(group) => format!(" --group {group}"),
+                None => String::new(),
+            };
             tell(format_args!(
-                "overcam: publishing on {service}{}; see it with: overcam watch --service {service}",
+                "overcam: publishing on {service}{}; see it with: overcam watch --service {service}{group}",
                 scene::SERVICE_SUFFIX
             ));
         }

@@ -3,11 +3,12 @@
 //! On a terminal that is a `table` of the newest scene. Elsewhere, and with `--json`, each scene becomes the line that `--json` prints for
 //! it. The watcher waits for a service that does not exist yet, stays
 //! when its publisher goes or is killed, and goes on with the next one; what happens is said on standard error, or stands in the
-//! table.
+//! table. When the service's files were removed and it is published anew, it subscribes anew.
 //!
 //! Deliberately absent: a way to slow the publisher down. A reader that falls behind, or whose pipe does, misses scenes, and
 //! is told how many.
 
+mod connection;
 mod table;
 
 use std::fmt;
@@ -16,20 +17,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use iceoryx2::identifiers::UniquePublisherId;
-use iceoryx2::port::ReceiveError;
-use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
-use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
-use iceoryx2::prelude::{LogLevel, Node, PortFactory, ServiceName, set_log_level};
-use iceoryx2::sample::Sample;
-use iceoryx2::service::builder::event::EventOpenError;
-use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use iceoryx2::service::port_factory::publish_subscribe;
+use iceoryx2::prelude::{LogLevel, PortFactory, ServiceName, set_log_level};
+
 use scene::Scene;
 
 use crate::json;
-use crate::publish::{Ipc, NameError, node, service_name};
+use crate::publish::{NameError, service_name};
 use crate::status::{counted, tell};
-use table::Screen;
+use crate::watch::connection::{Connection, Wanted};
+use crate::watch::table::Screen;
 
 /// Longest wait before the stop flag is looked at.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
@@ -46,11 +42,13 @@ pub enum WatchError {
     Name(#[from] NameError),
     /// The publisher is another version of the program.
     #[error(
-        "service `{service}` publishes another layout of the scene: watch it with the overcam that publishes it"
+        "service `{service}` publishes another layout of the scene ({reason}): watch it with the overcam that publishes it"
     )]
     Incompatible {
         /// The service.
         service: String,
+        /// What differs.
+        reason: String,
     },
     /// All places for subscribers are taken.
     #[error("service `{service}` has no place for another subscriber: stop one")]
@@ -59,11 +57,21 @@ pub enum WatchError {
         service: String,
     },
     /// The files of the middleware cannot be opened, as a rule because they belong to another user.
-    #[error("service `{service}` cannot be opened ({reason}): run as the user who publishes it")]
+    #[error(
+        "service `{service}` cannot be opened ({reason}): run as the user who publishes it, or publish it for a group with --group"
+    )]
     Denied {
         /// The service.
         service: String,
         /// What failed, in the middleware's words.
+        reason: String,
+    },
+    /// The group's place cannot be entered.
+    #[error("--group {group}: {reason}: is this user a member of the group? see with `id`")]
+    Group {
+        /// The group.
+        group: String,
+        /// What is denied.
         reason: String,
     },
     /// Shared memory could not be opened or read for another reason.
@@ -79,19 +87,20 @@ pub enum WatchError {
     Write(#[from] io::Error),
 }
 
-/// Prints the scenes published on `service` to `out`, one JSON object a line, until `frames` are printed or `stop` is set.
-/// A closed pipe behind `out` ends it like a stop.
+/// Prints the scenes published on `service`, by this user or for a `group`, to `out`, one JSON object a line, until `frames` are
+/// printed or `stop` is set. A closed pipe behind `out` ends it like a stop.
 ///
 /// # Errors
 ///
 /// See [`WatchError`]. A service that does not exist is not an error but waited for.
 pub fn watch(
     service: &str,
+    group: Option<&str>,
     frames: Option<u64>,
     stop: &AtomicBool,
     out: &mut impl Write,
 ) -> Result<(), WatchError> {
-    show(service, frames, stop, Output::json(out))
+    show(service, group, frames, stop, Output::json(out))
 }
 
 /// Shows the newest of the scenes published on `service` as a table on `out`, standard output and a terminal, until so many have come
@@ -102,27 +111,36 @@ pub fn watch(
 /// See [`WatchError`]. A service that does not exist is not an error but waited for.
 pub fn watch_table(
     service: &str,
+    group: Option<&str>,
     frames: Option<u64>,
     stop: &AtomicBool,
     out: &mut impl Write,
 ) -> Result<(), WatchError> {
-    show(service, frames, stop, Output::Table(Screen::new(out)))
+    show(
+        service,
+        group,
+        frames,
+        stop,
+        Output::Table(Screen::new(out)),
+    )
 }
 
 fn show<W: Write>(
     service: &str,
+    group: Option<&str>,
     frames: Option<u64>,
     stop: &AtomicBool,
     mut output: Output<'_, W>,
 ) -> Result<(), WatchError> {
     let name = service_name(service)?;
     set_log_level(LogLevel::Fatal);
-    let Some(connection) = Connection::wait_for(name, stop)? else {
+    let wanted = Wanted { name, group };
+    let Some(connection) = Connection::wait_for(wanted, stop)? else {
         return Ok(());
     };
     let mut progress = Progress::new(name);
     progress.quiet = matches!(output, Output::Table(_));
-    let result = show_scenes(&connection, frames, stop, &mut progress, &mut output);
+    let result = show_scenes(connection, frames, stop, &mut progress, &mut output);
     progress.report_missing();
     match result {
         Err(WatchError::Write(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -131,7 +149,7 @@ fn show<W: Write>(
 }
 
 fn show_scenes<W: Write>(
-    connection: &Connection,
+    mut connection: Connection<'_>,
     frames: Option<u64>,
     stop: &AtomicBool,
     progress: &mut Progress,
@@ -142,7 +160,12 @@ fn show_scenes<W: Write>(
         let Some(sample) = connection.receive()? else {
             output.while_waiting()?;
             connection.wait()?;
-            progress.look_after_publisher(connection);
+            if progress.look_after_publisher(&connection) == Found::Nothing {
+                let Some(next) = connection.again(stop)? else {
+                    break;
+                };
+                connection = next;
+            }
             continue;
         };
         progress.received(sample.header().publisher_id(), sample.sequence);
@@ -195,116 +218,13 @@ impl<'a, W: Write> Output<'a, W> {
     }
 }
 
-/// A subscription and what wakes it.
-struct Connection {
-    name: ServiceName,
-    // Ports go before the service they belong to.
-    subscriber: Subscriber<Ipc, Scene, ()>,
-    listener: Listener<Ipc>,
-    service: publish_subscribe::PortFactory<Ipc, Scene, ()>,
-}
-
-impl Connection {
-    /// `None`: stopped before the service existed.
-    fn wait_for(name: ServiceName, stop: &AtomicBool) -> Result<Option<Self>, WatchError> {
-        let node = node().map_err(|failure| denied(name, failure))?;
-        let mut said = false;
-        while !stop.load(Ordering::Relaxed) {
-            if let Some(connection) = Self::try_open(&node, name)? {
-                return Ok(Some(connection));
-            }
-            if !said {
-                tell(format_args!(
-                    "watch: waiting for service `{name}`: no overcam publishes it yet"
-                ));
-                said = true;
-            }
-            std::thread::sleep(POLL_PERIOD);
-        }
-        Ok(None)
-    }
-
-    /// `None`: the service does not exist, or is just being created or removed.
-    fn try_open(node: &Node<Ipc>, name: ServiceName) -> Result<Option<Self>, WatchError> {
-        use PublishSubscribeOpenError as Open;
-        let service = match node
-            .service_builder(&name)
-            .publish_subscribe::<Scene>()
-            .open()
-        {
-            Ok(service) => service,
-            Err(
-                Open::DoesNotExist
-                | Open::IsMarkedForDestruction
-                | Open::HangsInCreation
-                | Open::Interrupt,
-            ) => return Ok(None),
-            Err(Open::IncompatibleTypes | Open::VersionMismatch) => {
-                return Err(WatchError::Incompatible {
-                    service: name.to_string(),
-                });
-            }
-            Err(error @ Open::InsufficientPermissions) => return Err(denied(name, error)),
-            Err(Open::ExceedsMaxNumberOfNodes) => {
-                return Err(WatchError::Full {
-                    service: name.to_string(),
-                });
-            }
-            Err(other) => return Err(read_error(name, other)),
-        };
-        let event = match node.service_builder(&name).event().open() {
-            Ok(event) => event,
-            Err(
-                EventOpenError::DoesNotExist
-                | EventOpenError::IsMarkedForDestruction
-                | EventOpenError::HangsInCreation
-                | EventOpenError::Interrupt,
-            ) => return Ok(None),
-            Err(EventOpenError::ExceedsMaxNumberOfNodes) => {
-                return Err(WatchError::Full {
-                    service: name.to_string(),
-                });
-            }
-            Err(other) => return Err(read_error(name, other)),
-        };
-        // The listener comes first: no scene may arrive between the two without a wake-up.
-        let listener = event.listener_builder().create();
-        let listener = listener.map_err(|error| match error {
-            ListenerCreateError::ExceedsMaxSupportedListeners => WatchError::Full {
-                service: name.to_string(),
-            },
-            other => read_error(name, other),
-        })?;
-        let subscriber = service.subscriber_builder().create();
-        let subscriber = subscriber.map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => WatchError::Full {
-                service: name.to_string(),
-            },
-            other => read_error(name, other),
-        })?;
-        Ok(Some(Self {
-            name,
-            subscriber,
-            listener,
-            service,
-        }))
-    }
-
-    fn receive(&self) -> Result<Option<Sample<Ipc, Scene, ()>>, WatchError> {
-        match self.subscriber.receive() {
-            Ok(sample) => Ok(sample),
-            // A publisher that is killed while it comes or goes: its successor gets another connection.
-            Err(ReceiveError::ConnectionFailure(_)) => Ok(None),
-            Err(other) => Err(read_error(self.name, other)),
-        }
-    }
-
-    fn wait(&self) -> Result<(), WatchError> {
-        match self.listener.timed_wait(|_| {}, POLL_PERIOD) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(other) => Err(read_error(self.name, other)),
-        }
-    }
+/// What newcomers find.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Found {
+    /// The service that is being watched.
+    Service,
+    /// Nothing, or another one of its name.
+    Nothing,
 }
 
 /// What is told about a stream of scenes, besides the scenes.
@@ -365,11 +285,21 @@ impl Progress {
     }
 
     /// Says so when nobody publishes any more. A killed publisher leaves no word: its remains have to be looked for.
-    fn look_after_publisher(&mut self, connection: &Connection) {
-        if self.absent || self.heard.elapsed() < SILENCE {
-            return;
+    fn look_after_publisher(&mut self, connection: &Connection<'_>) -> Found {
+        if self.heard.elapsed() < SILENCE {
+            return Found::Service;
         }
         self.heard = Instant::now();
+        if !connection.is_current() {
+            self.tell(format_args!(
+                "service `{}` was removed from shared memory: looking for it anew",
+                self.service
+            ));
+            return Found::Nothing;
+        }
+        if self.absent {
+            return Found::Service;
+        }
         connection.service.try_cleanup_dead_nodes();
         if connection.service.dynamic_config().number_of_publishers() == 0 {
             self.tell(format_args!(
@@ -378,6 +308,7 @@ impl Progress {
             ));
             self.absent = true;
         }
+        Found::Service
     }
 
     fn report_missing(&mut self) {
@@ -389,19 +320,5 @@ impl Progress {
             self.n_reported = self.n_missing;
             self.reported = Instant::now();
         }
-    }
-}
-
-fn denied(service: ServiceName, error: impl ToString) -> WatchError {
-    WatchError::Denied {
-        service: service.to_string(),
-        reason: error.to_string(),
-    }
-}
-
-fn read_error(service: ServiceName, error: impl ToString) -> WatchError {
-    WatchError::Read {
-        service: service.to_string(),
-        reason: error.to_string(),
     }
 }

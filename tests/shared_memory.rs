@@ -39,7 +39,9 @@ fn child() {
         STOP.store(true, Ordering::Relaxed);
     });
     let result = match role.as_str() {
-        "watch" => watch(&service, None, &STOP, &mut std::io::stdout()).map_err(|e| e.to_string()),
+        "watch" => {
+            watch(&service, None, None, &STOP, &mut std::io::stdout()).map_err(|e| e.to_string())
+        }
         "publish" => publish_until(&service, &STOP).map_err(|e| e.to_string()),
         other => Err(format!("no role `{other}`")),
     };
@@ -402,8 +404,8 @@ fn a_watcher_ends_after_its_frames_and_with_its_pipe() {
     let mut printed = Vec::new();
     let mut pipe = ClosedPipe { lines_left: 2 };
     thread::scope(|scope| {
-        let counted = scope.spawn(|| watch(&service, Some(3), &stop, &mut printed));
-        let piped = scope.spawn(|| watch(&service, None, &stop, &mut pipe));
+        let counted = scope.spawn(|| watch(&service, None, Some(3), &stop, &mut printed));
+        let piped = scope.spawn(|| watch(&service, None, None, &stop, &mut pipe));
         let deadline = Instant::now() + PATIENCE;
         while !(counted.is_finished() && piped.is_finished()) && Instant::now() < deadline {
             publisher.send(&Scene::EMPTY).expect("published");
@@ -465,8 +467,20 @@ fn another_layout_is_refused_and_not_misread() {
         matches!(refused, PublishError::Incompatible { .. }),
         "{refused}"
     );
+    // Who that is and what differs.
+    let expected = format!(
+        "process {} has iceoryx2 0.10.0 and scene `overcam.Scene.v0` of 8 bytes; this overcam has iceoryx2 0.10.0",
+        std::process::id()
+    );
+    assert!(refused.to_string().contains(&expected), "{refused}");
     let mut printed = Vec::new();
-    let refused = watch(&service, Some(1), &AtomicBool::new(false), &mut printed);
+    let refused = watch(
+        &service,
+        None,
+        Some(1),
+        &AtomicBool::new(false),
+        &mut printed,
+    );
     assert!(
         matches!(refused, Err(WatchError::Incompatible { .. })),
         "{refused:?}"
@@ -479,6 +493,93 @@ fn another_layout_is_refused_and_not_misread() {
         builder().open().expect_err("our layout is in use"),
         PublishSubscribeOpenError::IncompatibleTypes
     );
+}
+
+/// The files by which newcomers find a service: those on disk, and those in shared memory.
+fn files_of(service: &str) -> [Vec<PathBuf>; 2] {
+    let (name, config) = (full_name(service), Config::default());
+    let node = node();
+    let scenes = node.service_builder(&name).publish_subscribe::<Scene>();
+    let scenes = scenes.open().expect("it is published");
+    let wakeups = node.service_builder(&name).event().open();
+    let wakeups = wakeups.expect("it is published");
+    let numbers = [
+        scenes.unique_service_id().value(),
+        wakeups.unique_service_id().value(),
+    ]
+    .map(|number| format!("_{number}.dynamic"));
+    let entries = std::fs::read_dir("/dev/shm").expect("there is shared memory");
+    let in_memory = entries
+        .map(|entry| entry.expect("it is listed").path())
+        .filter(|path| {
+            let path = path.to_string_lossy();
+            numbers.iter().any(|number| path.ends_with(number))
+        });
+    let on_disk = [MessagingPattern::PublishSubscribe, MessagingPattern::Event]
+        .map(|pattern| scene::static_file(&config, &name, pattern));
+    [on_disk.to_vec(), in_memory.collect()]
+}
+
+#[test]
+fn files_that_are_removed_are_noticed_and_published_anew() {
+    for which in [&[0, 1][..], &[0], &[1]] {
+        let service = unique(&format!("removed-{}", which.len() + which[0]));
+        let mut publisher = Publisher::open(&service).expect("the service is free");
+        let mut scene = Scene::EMPTY;
+        let before = Process::with_role("watch", &service);
+        before.next_sequence(&mut publisher, &mut scene);
+        let files = files_of(&service);
+        assert_eq!(files.each_ref().map(Vec::len), [2, 2]);
+        for file in which.iter().flat_map(|&which| &files[which]) {
+            std::fs::remove_file(file).expect("it was there");
+        }
+
+        let deadline = Instant::now() + PATIENCE;
+        let said = loop {
+            match publisher.send(&scene) {
+                Ok(()) => {}
+                Err(error) => break error,
+            }
+            assert!(Instant::now() < deadline, "it is never noticed");
+            thread::sleep(Duration::from_millis(20));
+        };
+        assert!(matches!(said, PublishError::Removed { .. }), "{said}");
+        assert!(!said.to_string().contains('\n'));
+        scene.sequence = 1_000_000;
+        // Who was there before finds it again, if more than once: the last of them to leave the old service takes the new one's
+        // files with it.
+        let deadline = Instant::now() + PATIENCE;
+        let watchers = [before, Process::with_role("watch", &service)];
+        for watcher in &watchers {
+            loop {
+                assert!(Instant::now() < deadline, "it is never found");
+                let _ = publisher.send(&scene);
+                scene.sequence += 1;
+                let line = watcher.poll_line(Duration::from_millis(20));
+                if line.is_some_and(|line| sequence_of(&line) >= 1_000_000) {
+                    break;
+                }
+            }
+        }
+        for watcher in watchers {
+            assert_eq!(watcher.end().0, Some(0));
+        }
+        drop(publisher);
+        assert!(!exists(&service), "something was left behind");
+    }
+}
+
+#[test]
+fn a_group_that_is_not_ours_is_refused_in_one_line() {
+    for (group, reason) in [
+        ("no-such-group-here", "there is no such group"),
+        ("a/b", "cannot be the name of a group"),
+        ("", "cannot be the name of a group"),
+    ] {
+        let refused = Publisher::open_for(&unique("group"), Some(group));
+        let line = refused.expect_err("it is not possible").to_string();
+        assert!(line.contains(reason) && !line.contains('\n'), "{line}");
+    }
 }
 
 #[test]

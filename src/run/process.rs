@@ -9,6 +9,7 @@ use anyhow::Context;
 
 use crate::json;
 use crate::lines::Lines;
+use crate::notify::Notify;
 use crate::pipeline::Outcome;
 use crate::publish::{Publisher, monotonic_ns};
 use crate::run::capture::Counters;
@@ -29,6 +30,7 @@ pub(super) struct ProcessStage<'a> {
     pub(super) status: Status,
     /// What other threads have to say.
     pub(super) said: &'a Receiver<String>,
+    pub(super) notify: Notify,
     /// Set from outside when the floor is to be learned anew.
     pub(super) relearn: &'a AtomicBool,
     /// The floor is being learned anew.
@@ -59,7 +61,11 @@ impl ProcessStage<'_> {
     pub(super) fn run(&mut self, frames: &Receiver<Slot>, stop: &AtomicBool) -> anyhow::Result<()> {
         let mut result = Ok(());
         let mut silent_polls = 0;
+        self.notify.started();
         loop {
+            let books = &self.books;
+            let status = || format!("{} frames processed", books.processed);
+            self.notify.alive(status);
             let slot = match frames.recv_timeout(POLL) {
                 Ok(slot) => slot,
                 Err(RecvTimeoutError::Disconnected) => {
@@ -94,6 +100,7 @@ impl ProcessStage<'_> {
                 stop.store(true, Ordering::Relaxed);
             }
         }
+        self.notify.stopping();
         let printed = self.finish_lines(stop);
         self.pass_on();
         self.status.clear();
@@ -297,7 +304,7 @@ impl ProcessStage<'_> {
     /// What is to be done when no frame comes.
     fn while_waiting(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         self.pass_on();
-        if let Some(publisher) = &self.publisher
+        if let Some(publisher) = &mut self.publisher
             && let Err(error) = publisher.serve_late_joiners()
         {
             self.status.say(&error.to_string());
@@ -394,6 +401,7 @@ mod tests {
             sink: Sink::Free(to_capture),
             status: Status::new(live),
             said: &said,
+            notify: Notify::from_environment(),
             relearn: &relearn,
             relearning: false,
             lines: None,

@@ -10,6 +10,7 @@ mod markers;
 mod output;
 mod refusals;
 mod replay;
+mod service;
 mod shells;
 mod stopping;
 mod subscribers;

@@ -22,8 +22,20 @@
 //! * [`FRAME_FLOOR`]: metres on the floor, z up; a heading is counter-clockwise from +x (REP-103).
 //!
 //! Headings are in radians within (-π, π], velocities are per second.
+//!
+//! # Where to subscribe
+//!
+//! [`config`] is the configuration of iceoryx2 with which a service is found, also where overcam runs as another user with
+//! `--group GROUP`; a subscriber then calls [`admit`] when it has its ports. With one user, `Config::default()` will do.
 #![no_std]
 #![forbid(unsafe_code)]
+
+mod domain;
+
+pub use domain::{
+    GROUP_VARIABLE, admit, config, group_config, group_directory, is_current, static_file,
+    user_config,
+};
 
 use iceoryx2::prelude::ZeroCopySend;
 

@@ -1,0 +1,147 @@
+//! What systemd is told about a run: that it has started, that it lives, and how far it is.
+//!
+//! The protocol of `sd_notify(3)`: datagrams to the socket that the environment names. Without one, as when a person starts the program,
+//! nothing is sent. Nothing here waits, and nothing that fails matters: systemd notices missing words by itself.
+
+use std::ffi::OsString;
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::time::{Duration, Instant};
+
+/// Shortest time between two words on how far the run is.
+const STATUS_PERIOD: Duration = Duration::from_secs(10);
+
+/// The way to systemd, if there is one.
+#[derive(Debug, Default)]
+pub(crate) struct Notify {
+    socket: Option<UnixDatagram>,
+    /// How often it wants to hear that the run lives.
+    period: Option<Duration>,
+    beat: Option<Instant>,
+    told: Option<Instant>,
+}
+
+impl Notify {
+    /// As the environment says: `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`.
+    pub(crate) fn from_environment() -> Self {
+        let number = |name| std::env::var(name).ok()?.parse::<u64>().ok();
+        let for_us = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
+        let limit_us = number("WATCHDOG_USEC").filter(|&limit| limit > 0 && for_us);
+        Self {
+            socket: std::env::var_os("NOTIFY_SOCKET").and_then(|path| connect(path).ok()),
+            // Half of the limit is usual; a quarter leaves room for a slow frame.
+            period: limit_us.map(|limit| Duration::from_micros(limit / 4)),
+            ..Self::default()
+        }
+    }
+
+    /// The run has started.
+    pub(crate) fn started(&mut self) {
+        self.tell("READY=1");
+    }
+
+    /// The run ends by itself or because it was asked to.
+    pub(crate) fn stopping(&mut self) {
+        self.tell("STOPPING=1");
+    }
+
+    /// The run lives. To be called often; `status` is asked for now and then.
+    pub(crate) fn alive(&mut self, status: impl FnOnce() -> String) {
+        if self.socket.is_none() {
+            return;
+        }
+        let now = Instant::now();
+        let due = |last: Option<Instant>, period| last.is_none_or(|last| now - last >= period);
+        if let Some(period) = self.period
+            && due(self.beat, period)
+        {
+            self.beat = Some(now);
+            self.tell("WATCHDOG=1");
+        }
+        if due(self.told, STATUS_PERIOD) {
+            self.told = Some(now);
+            self.tell(&format!("STATUS={}", status()));
+        }
+    }
+
+    fn tell(&mut self, word: &str) {
+        if let Some(socket) = &self.socket {
+            let _ = socket.send(word.as_bytes());
+        }
+    }
+}
+
+/// A path, or a name in the abstract namespace after an `@`.
+fn connect(address: OsString) -> io::Result<UnixDatagram> {
+    let address = match address.as_bytes().strip_prefix(b"@") {
+        Some(name) => SocketAddr::from_abstract_name(name)?,
+        None => SocketAddr::from_pathname(&address)?,
+    };
+    let socket = UnixDatagram::unbound()?;
+    socket.connect_addr(&address)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn received(socket: &UnixDatagram) -> Vec<String> {
+        socket.set_nonblocking(true).expect("set");
+        let mut words = Vec::new();
+        let mut buffer = [0; 256];
+        while let Ok(length) = socket.recv(&mut buffer) {
+            words.push(String::from_utf8_lossy(&buffer[..length]).into_owned());
+        }
+        words
+    }
+
+    #[test]
+    fn systemd_is_told_at_a_path_and_at_an_abstract_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("notify");
+        let name = format!("overcam-test-{}", std::process::id());
+        let abstract_name = SocketAddr::from_abstract_name(&name).expect("a name");
+        for (socket, address) in [
+            (
+                UnixDatagram::bind(&path).expect("bound"),
+                path.into_os_string(),
+            ),
+            (
+                UnixDatagram::bind_addr(&abstract_name).expect("bound"),
+                format!("@{name}").into(),
+            ),
+        ] {
+            let mut notify = Notify {
+                socket: connect(address).ok(),
+                period: Some(Duration::ZERO),
+                ..Notify::default()
+            };
+            notify.started();
+            notify.alive(|| "3 frames".to_owned());
+            notify.alive(|| unreachable!("it was told just now"));
+            notify.stopping();
+            assert_eq!(
+                received(&socket),
+                [
+                    "READY=1",
+                    "WATCHDOG=1",
+                    "STATUS=3 frames",
+                    "WATCHDOG=1",
+                    "STOPPING=1"
+                ]
+            );
+        }
+    }
+
+    #[test]
+    fn nobody_is_told_where_nobody_listens() {
+        assert!(connect("/no/such/socket".into()).is_err());
+        let mut notify = Notify::default();
+        notify.started();
+        notify.alive(|| unreachable!("nobody asks"));
+    }
+}
