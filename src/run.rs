@@ -36,7 +36,7 @@ use crate::cli::RunArgs;
 use crate::publish::Publisher;
 use crate::recording::record::Recorder;
 use crate::run::capture::{Counters, capture, joined_unless_blocked, open_source};
-use crate::run::process::{ProcessStage, Sink};
+use crate::run::process::{Damage, ProcessStage, Sink};
 use crate::run::record::{Recording, record};
 use crate::setup::Setup;
 use crate::slot::{Slot, SourceInfo};
@@ -183,12 +183,13 @@ pub fn run(
         n_scenes: 0,
         books: Books::default(),
         light: scene::LIGHT_STEADY,
+        damage: Damage::default(),
     };
     let processed = stage.run(&frames, stop);
     if processed.is_ok() && stage.n_scenes == 0 && stage.books.processed > 0 {
         stage.explain_silence();
     }
-    let mut books = stage.books;
+    let (mut books, n_damaged) = (stage.books, stage.damage.count);
     // The recorder ends with the last slot that is sent to it, and capture when nobody takes its frames.
     drop((frames, stage));
     let recorded = recording
@@ -202,6 +203,7 @@ pub fn run(
     };
     books.captured = counters.captured.load(Ordering::Acquire);
     books.dropped = counters.dropped.load(Ordering::Acquire);
+    counters.faulty.fetch_add(n_damaged, Ordering::AcqRel);
     finish(
         books,
         &counters,
@@ -264,10 +266,10 @@ fn finish(
         counters.lost_by_driver.load(Ordering::Acquire),
         counters.faulty.load(Ordering::Acquire),
     );
-    let camera = if lost + faulty > 0 {
-        format!(", {lost} lost by the driver, {faulty} faulty")
-    } else {
-        String::new()
+    let camera = match (lost, faulty) {
+        (0, 0) => String::new(),
+        (0, faulty) => format!(", {faulty} faulty"),
+        (lost, faulty) => format!(", {lost} lost by the driver, {faulty} faulty"),
     };
     tell(format_args!(
         "overcam: {captured} frames: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}"

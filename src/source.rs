@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod controls;
+pub(crate) mod damaged;
 pub mod demo;
 pub mod devices;
 mod negotiation;
@@ -148,11 +149,26 @@ impl Source {
         }
     }
 
-    /// What a camera lost; `None` for everything else.
+    /// What a camera lost, and what a camera, a folder or a recording had that is no whole picture; `None` for everything else.
     #[must_use]
     pub fn camera_counters(&self) -> Option<Counters> {
+        let damaged = |faulty| Counters {
+            lost_by_driver: 0,
+            faulty,
+        };
         match self {
             Self::Camera(camera) => Some(camera.counters()),
+            Self::Pictures(pictures) => Some(damaged(pictures.n_damaged())),
+            Self::Recording(recording) => Some(damaged(recording.n_damaged())),
+            _ => None,
+        }
+    }
+
+    /// How many of 16 bits the samples of a folder's pictures use; `None` where they have 8, and for everything else.
+    #[must_use]
+    pub fn n_bits(&self) -> Option<u8> {
+        match self {
+            Self::Pictures(pictures) => pictures.n_bits(),
             _ => None,
         }
     }

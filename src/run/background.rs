@@ -154,14 +154,9 @@ fn learn(
             _ if passed_over => {}
             Ok(()) if learner.add(&picture) => return Ok(true),
             Ok(()) => {}
-            Err(error) if info.live => {
-                tell(format_args!(
-                    "overcam: frame {sequence} is passed over: {error}"
-                ));
-            }
-            Err(error) => {
-                return Err(error).with_context(|| format!("{}: frame {sequence}", info.name));
-            }
+            Err(error) => tell(format_args!(
+                "overcam: frame {sequence} is passed over: {error}"
+            )),
         }
         if stop.load(Ordering::Relaxed) {
             return Ok(false);

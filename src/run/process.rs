@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
+use crate::frame::DecodeError;
 use crate::json;
 use crate::pipeline::Outcome;
 use crate::publish::{Publisher, monotonic_ns};
@@ -33,7 +34,19 @@ pub(super) struct ProcessStage<'a, W> {
     pub(super) books: Books,
     /// Of the scene before.
     pub(super) light: u32,
+    pub(super) damage: Damage,
 }
+
+/// Frames that no picture could be made of.
+#[derive(Debug, Default)]
+pub(super) struct Damage {
+    pub(super) count: u64,
+    /// Why that was so of the first one.
+    first: Option<anyhow::Error>,
+}
+
+/// Most such frames that are told one by one.
+const TOLD_MAX: u64 = 10;
 
 impl<W: Write> ProcessStage<'_, W> {
     /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
@@ -60,6 +73,12 @@ impl<W: Write> ProcessStage<'_, W> {
             }
         }
         self.status.clear();
+        if result.is_ok()
+            && self.books.processed == 0
+            && let (false, Some(error)) = (self.live, self.damage.first.take())
+        {
+            result = Err(error);
+        }
         match result {
             // Whoever read our lines has seen enough.
             Err(error) if is_broken_pipe(&error) => Ok(()),
@@ -93,19 +112,9 @@ impl<W: Write> ProcessStage<'_, W> {
         self.setup.choose_background(&mut slot);
         let outcome = match self.setup.pipeline.process(&mut slot) {
             Ok(outcome) => outcome,
-            Err(error) if self.live => {
-                self.status.say(&format!(
-                    "frame {} is passed over: {error}",
-                    slot.frame.sequence
-                ));
-                self.pass_over(slot);
-                return Ok(());
-            }
             Err(error) => {
-                let sequence = slot.frame.sequence;
-                self.pass_over(slot);
-                let source = &self.setup.provenance.source;
-                return Err(error).with_context(|| format!("{source}: frame {sequence}"));
+                self.pass_over_damaged(slot, error);
+                return Ok(());
             }
         };
         self.books.processed += 1;
@@ -125,6 +134,25 @@ impl<W: Write> ProcessStage<'_, W> {
         }
         self.sink.take(slot, &mut self.books);
         result
+    }
+
+    fn pass_over_damaged(&mut self, slot: Slot, error: DecodeError) {
+        let sequence = slot.frame.sequence;
+        self.damage.count += 1;
+        if self.damage.count <= TOLD_MAX {
+            self.status
+                .say(&format!("frame {sequence} is passed over: {error}"));
+        }
+        if self.damage.count == TOLD_MAX {
+            self.status
+                .say("further such frames are counted at the end only");
+        }
+        if self.damage.first.is_none() {
+            let source = &self.setup.provenance.source;
+            let error = anyhow::Error::new(error);
+            self.damage.first = Some(error.context(format!("{source}: frame {sequence}")));
+        }
+        self.pass_over(slot);
     }
 
     /// Says when the light changes, goes out or comes back.

@@ -3,6 +3,7 @@
 //! Each test works in a folder of its own and, where it publishes, on a service of its own. The demo keeps its own pace of 30
 //! frames a second, so the tests take few frames from it.
 
+mod damaged;
 mod fixture;
 mod floor;
 mod markers;
