@@ -6,6 +6,10 @@
 //!
 //! Mono is always taken as full range. That is what ffmpeg writes, whichever range its tag states.
 //!
+//! Pixels must be square (tag `A1:1`, or `A0:0`: unknown): in pictures that are wider than what they show, no marker has its shape.
+//! Interlaced frames are refused by their tag. A program that takes both fields of an interlaced source for one frame states no tag;
+//! `combing` finds it by the combs at the edges of what moves, which is told, because a picture alone is no proof.
+//!
 //! A stream must state its frame rate. Time stamps come from nowhere else, and velocities and forecasts made with a guessed
 //! one would be wrong without looking wrong.
 //!
@@ -17,11 +21,16 @@ use std::path::Path;
 
 use imgproc::Size;
 
-use crate::frame::{Frame, MAX_SIDE, PixelFormat};
+use crate::frame::{AREA_MAX, Frame, MAX_SIDE, PixelFormat};
 use crate::slot::{Next, SourceInfo};
+use crate::source::combing::Combing;
+use crate::status::tell;
 
 /// Longest header line that is read, in bytes. ffmpeg's are about 80.
 const MAX_LINE_BYTES: u64 = 1024;
+
+/// Sides of a pixel that differ by no more than one part in so many are equal.
+const ASPECT_STEPS: u64 = 200;
 
 /// Why a Y4M stream cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -65,7 +74,9 @@ pub enum Y4mError {
         tag: String,
     },
     /// The header lacks the width or the height, or they are out of range.
-    #[error("{name}: the Y4M header states {width}x{height} pixels; sides must be 1 to {MAX_SIDE}")]
+    #[error(
+        "{name}: the Y4M header states {width}x{height} pixels; sides must be 1 to {MAX_SIDE}, and no more than {AREA_MAX} in all"
+    )]
     Size {
         /// The stream.
         name: String,
@@ -101,6 +112,27 @@ pub enum Y4mError {
         /// Value of the I tag.
         interlacing: String,
     },
+    /// Pixels that are not square.
+    #[error(
+        "{name}: its pixels are {horizontal}:{vertical} and not square (tag 'A{horizontal}:{vertical}'), so that no marker has \
+         its shape: convert it with ffmpeg -vf scale=iw*sar:ih,setsar=1"
+    )]
+    Aspect {
+        /// The stream.
+        name: String,
+        /// Width of a pixel.
+        horizontal: u32,
+        /// Its height.
+        vertical: u32,
+    },
+    /// An MCAP file on a pipe.
+    #[error(
+        "{name}: an MCAP recording, which cannot be read from a pipe: write it to a file and name that with --device"
+    )]
+    PipedRecording {
+        /// The stream.
+        name: String,
+    },
     /// No frame begins where one should.
     #[error("{name}: frame {frame} does not begin with 'FRAME': the stream is damaged")]
     NotAFrame {
@@ -127,6 +159,8 @@ pub enum Y4mError {
 #[derive(Debug)]
 pub struct Y4m<R> {
     input: R,
+    /// Until it is found or ruled out.
+    combing: Option<Combing>,
     name: String,
     header: Header,
     /// Bytes of a frame's planes.
@@ -185,6 +219,9 @@ impl<R: BufRead> Y4m<R> {
         if line.is_empty() {
             return Err(Y4mError::Empty { name });
         }
+        if line.starts_with(mcap::MAGIC) {
+            return Err(Y4mError::PipedRecording { name });
+        }
         let header = parse_header(&line, &name)?;
         let Size { width, height } = header.size;
         let frame_bytes = header.format.frame_bytes(header.size);
@@ -197,6 +234,7 @@ impl<R: BufRead> Y4m<R> {
         };
         Ok(Self {
             input,
+            combing: Some(Combing::new(header.size)),
             name,
             header,
             frame_bytes,
@@ -267,7 +305,26 @@ impl<R: BufRead> Y4m<R> {
         frame.full_range = self.header.full_range;
         frame.size = self.header.size;
         self.sequence += 1;
+        self.look_for_combing(frame);
         Ok(Next::Frame)
+    }
+
+    fn look_for_combing(&mut self, frame: &Frame) {
+        let Some(combing) = &mut self.combing else {
+            return;
+        };
+        // Luma comes first in all formats that are read.
+        let is_found = combing.add(&frame.bytes[..frame.size.area()]);
+        if is_found {
+            tell(format_args!(
+                "overcam: {}: frame {}: what moves is combed, every other row shows it elsewhere: the frames are interlaced, \
+                 whatever the stream says, and robots that move may not be read: convert it with ffmpeg -vf yadif",
+                self.name, frame.sequence
+            ));
+        }
+        if is_found || combing.is_done() {
+            self.combing = None;
+        }
     }
 }
 
@@ -311,12 +368,7 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
         match letter {
             "W" => size.width = value.parse().map_err(|_| invalid())?,
             "H" => size.height = value.parse().map_err(|_| invalid())?,
-            "F" => {
-                let (numerator, denominator) = value.split_once(':').ok_or_else(invalid)?;
-                let numerator: u32 = numerator.parse().map_err(|_| invalid())?;
-                let denominator: u32 = denominator.parse().map_err(|_| invalid())?;
-                rate = Some((numerator, denominator));
-            }
+            "F" => rate = Some(ratio(value).ok_or_else(invalid)?),
             // p: progressive, ?: unknown.
             "I" if value != "p" && value != "?" => {
                 return Err(Y4mError::Interlaced {
@@ -338,8 +390,18 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
                     }
                 };
             }
+            "A" => {
+                let (horizontal, vertical) = ratio(value).ok_or_else(invalid)?;
+                if !is_square(horizontal, vertical) {
+                    return Err(Y4mError::Aspect {
+                        name: name.to_owned(),
+                        horizontal,
+                        vertical,
+                    });
+                }
+            }
             "X" if value == "COLORRANGE=FULL" => full_range = true,
-            // Aspect ratio, comments, and whatever a later version adds.
+            // Comments, and whatever a later version adds.
             _ => {}
         }
     }
@@ -356,164 +418,17 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn stream(bytes: &[u8]) -> Result<Y4m<&[u8]>, Y4mError> {
-        Y4m::new("test".to_owned(), bytes)
-    }
-
-    fn header(line: &str) -> Result<Header, Y4mError> {
-        parse_header(format!("YUV4MPEG2 {line}\n").as_bytes(), "test")
-    }
-
-    /// All frames, and the error that ended the stream.
-    fn frames(bytes: &[u8]) -> (Vec<Frame>, Option<Y4mError>) {
-        let mut stream = stream(bytes).expect("a header");
-        let (mut frames, mut frame) = (Vec::new(), Frame::empty());
-        loop {
-            match stream.next(&mut frame) {
-                Ok(Next::Frame) => frames.push(frame.clone()),
-                Ok(_) => return (frames, None),
-                Err(error) => return (frames, Some(error)),
-            }
-        }
-    }
-
-    const TWO_FRAMES: &[u8] = b"YUV4MPEG2 W2 H1 F30000:1001 C444\nFRAME\nabcdefFRAME Ixyz\nghijkl";
-
-    #[test]
-    fn frames_have_numbers_exact_stamps_and_their_bytes() {
-        let (frames, error) = frames(TWO_FRAMES);
-        assert!(error.is_none());
-        assert_eq!(frames.len(), 2);
-        assert_eq!((frames[0].sequence, frames[0].stamp_ns), (0, 0));
-        assert_eq!(frames[0].bytes, b"abcdef");
-        // 1001 / 30000 s
-        assert_eq!((frames[1].sequence, frames[1].stamp_ns), (1, 33_366_666));
-        assert_eq!(frames[1].bytes, b"ghijkl");
-    }
-
-    #[test]
-    fn stamps_do_not_drift() {
-        assert_eq!(stamp_ns(30_000, (30_000, 1001)), 1_001_000_000_000);
-        assert_eq!(stamp_ns(u64::MAX, (1, u32::MAX)), u64::MAX);
-    }
-
-    #[test]
-    fn the_header_of_ffmpeg() {
-        assert_eq!(
-            header("W640 H480 F25:1 Ip A1:1 C420jpeg XYSCSS=420JPEG XCOLORRANGE=LIMITED")
-                .expect("valid"),
-            Header {
-                size: Size {
-                    width: 640,
-                    height: 480
-                },
-                format: PixelFormat::I420,
-                full_range: false,
-                rate: (25, 1),
-            }
-        );
-        assert!(
-            header("W2 H2 F1:1 C444 XCOLORRANGE=FULL")
-                .expect("valid")
-                .full_range
-        );
-    }
-
-    #[test]
-    fn chroma_tags() {
-        for (tag, format) in [
-            ("", PixelFormat::I420),
-            ("C420", PixelFormat::I420),
-            ("C420mpeg2", PixelFormat::I420),
-            ("C420paldv", PixelFormat::I420),
-            ("C422", PixelFormat::I422),
-            ("C444", PixelFormat::I444),
-            ("Cmono", PixelFormat::Grey),
-        ] {
-            let found = header(&format!("W4 H4 F1:1 {tag}")).expect("supported");
-            assert_eq!(found.format, format, "{tag}");
-        }
-        for tag in ["C420p10", "C444alpha", "Cmono16", "C411", "C"] {
-            let error = header(&format!("W4 H4 F1:1 {tag}")).expect_err("not supported");
-            assert!(
-                error.to_string().contains("-pix_fmt yuv420p"),
-                "{tag}: {error}"
-            );
-        }
-    }
-
-    #[test]
-    fn streams_that_cannot_be_used_say_why() {
-        for (bytes, part) in [
-            (&b""[..], "empty"),
-            (b"\x89PNG\r\n", "not a Y4M stream"),
-            (b"YUV4MPEG2X W2 H2 F1:1\n", "not a Y4M stream"),
-            (b"YUV4MPEG2 W2 H2 F1:1", "not a Y4M stream"),
-            (b"YUV4MPEG2 W2 H2 F1:1 It\n", "yadif"),
-            (b"YUV4MPEG2 W2 H2 F0:0\n", "no frame rate"),
-            (b"YUV4MPEG2 W2 H2\n", "no frame rate"),
-            (b"YUV4MPEG2 W2 H2 F25\n", "'F25'"),
-            (b"YUV4MPEG2 W-2 H2 F1:1\n", "'W-2'"),
-            (b"YUV4MPEG2 H2 F1:1\n", "0x2 pixels"),
-            (b"YUV4MPEG2 W99999 H99999 F1:1\n", "99999x99999"),
-            (b"YUV4MPEG2 W99999999999999999999999 H2 F1:1\n", "W999"),
-        ] {
-            let error = stream(bytes).expect_err(part).to_string();
-            assert!(error.starts_with("test: "), "{error}");
-            assert!(error.contains(part), "{error}");
-            assert!(!error.contains('\n'), "{error}");
-        }
-    }
-
-    #[test]
-    fn an_endless_first_line_is_not_read_to_its_end() {
-        let line = io::BufReader::new(io::repeat(b'Y'));
-        let error = Y4m::new("test".to_owned(), line).expect_err("no header");
-        assert!(matches!(error, Y4mError::NotY4m { .. }));
-    }
-
-    #[test]
-    fn a_cut_stream_gives_its_whole_frames_first() {
-        let header = b"YUV4MPEG2 W2 H1 F30000:1001 C444\n".len();
-        let first_end = header + b"FRAME\nabcdef".len();
-        for end in header..TWO_FRAMES.len() {
-            let (frames, error) = frames(&TWO_FRAMES[..end]);
-            assert_eq!(frames.len(), usize::from(end >= first_end), "{end}");
-            if end == header || end == first_end {
-                assert!(error.is_none(), "{end}: {error:?}");
-            } else {
-                let number = u64::from(end > first_end);
-                assert!(
-                    matches!(error, Some(Y4mError::Truncated { frame, expected: 6, .. }) if frame == number),
-                    "{end}: {error:?}"
-                );
-            }
-        }
-        let (_, error) = frames(&TWO_FRAMES[..TWO_FRAMES.len() - 2]);
-        assert_eq!(
-            error.expect("cut").to_string(),
-            "test: cut off: frame 1 has 4 of 6 bytes"
-        );
-    }
-
-    #[test]
-    fn garbage_between_frames_is_an_error() {
-        let (frames, error) = frames(b"YUV4MPEG2 W1 H1 F1:1 Cmono\nFRAME\nx?FRAME\ny");
-        assert_eq!(frames.len(), 1);
-        assert!(matches!(error, Some(Y4mError::NotAFrame { frame: 1, .. })));
-    }
-
-    proptest! {
-        #[test]
-        fn any_bytes_are_an_answer(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-            let header = &b"YUV4MPEG2 W2 H1 F3:1\n"[..];
-            _ = stream(&bytes);
-            _ = frames(&[header, &bytes].concat());
-        }
-    }
+fn ratio(value: &str) -> Option<(u32, u32)> {
+    let (numerator, denominator) = value.split_once(':')?;
+    Some((numerator.parse().ok()?, denominator.parse().ok()?))
 }
+
+/// Whether pixels of this shape are square, as far as a marker can tell: programs that scale round sizes to whole pixels and then
+/// state what that did. A ratio with a 0 is unknown.
+fn is_square(horizontal: u32, vertical: u32) -> bool {
+    let apart = u64::from(horizontal.abs_diff(vertical));
+    horizontal == 0 || vertical == 0 || apart * ASPECT_STEPS <= u64::from(vertical)
+}
+
+#[cfg(test)]
+mod tests;

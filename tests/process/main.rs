@@ -10,5 +10,6 @@ mod markers;
 mod output;
 mod refusals;
 mod replay;
+mod sources;
 mod stopping;
 mod subscribers;
