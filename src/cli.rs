@@ -154,7 +154,8 @@ pub enum MarkersCommand {
 /// Where frames come from.
 #[derive(Debug, Args)]
 pub struct SourceArgs {
-    /// Camera node, .mcap recording, .y4m file, - for Y4M on standard input, folder of PNG/JPEG files, or demo
+    /// Camera, MCAP recording, Y4M file or pipe, - for Y4M on standard input, folder of PNG/JPEG files, or demo; told by what it is,
+    /// not by its name
     #[arg(long, default_value = "demo", value_hint = ValueHint::AnyPath)]
     pub device: String,
     /// Size of the camera's or the demo's frames, as 640x480; without it the camera's largest up to 1920x1080 that it gives at 25
@@ -242,7 +243,7 @@ pub struct RunArgs {
     /// Learn the empty floor from the first N frames
     #[arg(long, value_name = "N", value_parser = number(settings::LEARN))]
     pub learn: Option<u32>,
-    /// Picture of the frames' size, PNG or JPEG: what is dark in it is not looked at
+    /// Picture of the frames' size, PNG or JPEG: what is dark or transparent in it is not looked at
     #[arg(long, value_name = "FILE")]
     pub region: Option<PathBuf>,
     /// Folder of marker drawings (SVG) that replace the built-in ones

@@ -1,6 +1,6 @@
 //! From the mask to detections: every shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3 of the paper).
 
-use fourier::contour::region;
+use fourier::contour::{Region, region};
 use imgproc::contour::{
     Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
 };
@@ -19,6 +19,16 @@ pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;
 /// Variance of an obstacle's centre in either axis. Contours go in steps of a pixel; the errors of neighbouring steps are too
 /// much alike to average out, so that of one step is taken (1/12), and twice that for the shadow's edge.
 const OBSTACLE_VARIANCE_PX2: f64 = 0.25;
+
+/// A marker beside a shape is none of the shape's: so much of its plate, a share, must lie in the shape's contour. The figure
+/// of a marker alone covers more.
+const COVERED_MIN: f32 = 0.02;
+
+/// Two plates are one if their centres are closer than this share of their side.
+const SAME_PLACE: f64 = 0.25;
+
+/// Shapes that cover a plate equally well, but for this share of it, both lie around it.
+const COVERED_ALIKE: f32 = 0.1;
 
 /// What is looked at around a shape: this share of its width, and so many pixels more.
 const MARGIN_SHARE: f32 = 0.35;
@@ -39,6 +49,16 @@ pub(crate) struct Detection {
     pub(crate) outline: Outline,
 }
 
+/// The shape of a detection.
+#[derive(Debug, Clone, Copy)]
+struct ShapeOf {
+    /// Number of the shape in the frame.
+    number: u32,
+    region: Region,
+    /// How much of the marker's plate lies in the shape's contour, 0 to 1.
+    covered: f32,
+}
+
 /// Memory for one frame's detections, and what is known of the camera's optics.
 #[derive(Debug)]
 pub(crate) struct Detector {
@@ -51,6 +71,8 @@ pub(crate) struct Detector {
     cutout: CutoutScratch,
     optics: Optics,
     detections: Vec<Detection>,
+    /// Of each detection.
+    shapes: Vec<ShapeOf>,
 }
 
 impl Detector {
@@ -66,6 +88,7 @@ impl Detector {
             cutout: CutoutScratch::new(size),
             optics: Optics::new(),
             detections: Vec::with_capacity(MAX_DETECTIONS),
+            shapes: Vec::with_capacity(MAX_DETECTIONS),
         }
     }
 
@@ -86,9 +109,11 @@ impl Detector {
         recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
     ) -> (&[Detection], u32) {
         self.detections.clear();
+        self.shapes.clear();
         self.optics.noise = noise;
         let mut overflow = 0;
         let mut from = 0;
+        let mut number = 0;
         while let Some(start) = next_shape(mask, self.size, from) {
             from = usize::from(start.y) * self.size.width + usize::from(start.x);
             let contour =
@@ -99,12 +124,14 @@ impl Detector {
             }
             match contour {
                 Ok(len) if self.detections.len() < MAX_DETECTIONS => {
-                    overflow +=
-                        self.detect_in_shape(len, removed.bounds, picture, family, recognition);
+                    number += 1;
+                    let shape = (number, len, removed.bounds);
+                    overflow += self.detect_in_shape(shape, picture, family, recognition);
                 }
                 _ => overflow += 1,
             }
         }
+        self.settle_plates_of_two_shapes();
         let read = self.detections.iter().filter_map(|d| d.marker);
         self.optics.learn(read.filter_map(|marker| marker.blur));
         (&self.detections, overflow)
@@ -113,8 +140,7 @@ impl Detector {
     /// The markers of one shape, or the obstacle that it is. Returns how many found no room.
     fn detect_in_shape(
         &mut self,
-        contour_len: usize,
-        bounds: Bounds,
+        (number, contour_len, bounds): (u32, usize, Bounds),
         picture: &Picture,
         family: &Family,
         recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
@@ -137,18 +163,83 @@ impl Detector {
                 family,
                 &settings,
             );
+            self.keep_covered(known, number, region, (contour_len, bounds));
             if lost > 0 || self.detections.len() > known {
                 return lost;
             }
         }
-        self.detections.push(Detection {
-            marker: None,
-            centre: region.centre.map(f64::from),
-            covariance: [[OBSTACLE_VARIANCE_PX2, 0.0], [0.0, OBSTACLE_VARIANCE_PX2]],
-            size_px: f64::from(width_px),
-            outline,
+        self.detections.push(obstacle(&region, outline));
+        self.shapes.push(ShapeOf {
+            number,
+            region,
+            covered: 0.0,
         });
         0
+    }
+
+    /// Of the markers from index `known` on, which one shape gave, drops those that are not its own: what is around a shape, or in its
+    /// bay, may be another thing.
+    fn keep_covered(
+        &mut self,
+        known: usize,
+        number: u32,
+        region: Region,
+        (contour_len, bounds): (usize, Bounds),
+    ) {
+        if self.detections.len() == known {
+            return;
+        }
+        let mask = &mut self.mask[..bounds.size().area()];
+        fill_contour(&self.contour[..contour_len], bounds, mask);
+        let mut kept = known;
+        for i in known..self.detections.len() {
+            let covered = covered(&self.detections[i], bounds, mask);
+            if covered >= COVERED_MIN {
+                self.detections[kept] = self.detections[i];
+                kept += 1;
+                self.shapes.push(ShapeOf {
+                    number,
+                    region,
+                    covered,
+                });
+            }
+        }
+        self.detections.truncate(kept);
+    }
+
+    /// A plate that two shapes gave, one around the other, belongs to that which covers it, of two to the inner one. The other shape is an
+    /// obstacle, unless it has another plate.
+    fn settle_plates_of_two_shapes(&mut self) {
+        let mut i = 0;
+        while i < self.detections.len() {
+            if !self.is_of_another(i) {
+                i += 1;
+                continue;
+            }
+            let ShapeOf { number, region, .. } = self.shapes[i];
+            if self.shapes.iter().filter(|of| of.number == number).count() > 1 {
+                self.detections.remove(i);
+                self.shapes.remove(i);
+            } else {
+                self.detections[i] = obstacle(&region, self.detections[i].outline);
+                i += 1;
+            }
+        }
+    }
+
+    /// Whether a detection's plate belongs to the shape of another one.
+    fn is_of_another(&self, i: usize) -> bool {
+        let (own, shape) = (&self.detections[i], &self.shapes[i]);
+        let others = self.detections.iter().zip(&self.shapes).enumerate();
+        own.marker.is_some()
+            && others.filter(|&(k, _)| k != i).any(|(k, (other, of))| {
+                let [dx, dy] = [0, 1].map(|axis| own.centre[axis] - other.centre[axis]);
+                let is_same = other.marker.is_some() && dx.hypot(dy) < SAME_PLACE * own.size_px;
+                let more = of.covered - shape.covered;
+                let is_inner = of.region.area < shape.region.area
+                    || (of.region.area == shape.region.area && k < i);
+                is_same && (more > COVERED_ALIKE || (more >= -COVERED_ALIKE && is_inner))
+            })
     }
 
     /// Adds the markers that one view of a shape shows. Returns how many found no room.
@@ -209,6 +300,30 @@ impl Detector {
         });
         lost
     }
+}
+
+fn obstacle(region: &Region, outline: Outline) -> Detection {
+    Detection {
+        marker: None,
+        centre: region.centre.map(f64::from),
+        covariance: [[OBSTACLE_VARIANCE_PX2, 0.0], [0.0, OBSTACLE_VARIANCE_PX2]],
+        size_px: f64::from(region.area.max(0.0).sqrt()),
+        outline,
+    }
+}
+
+/// How much of the largest circle on a plate lies in a filled contour, whose mask covers `bounds`.
+fn covered(detection: &Detection, bounds: Bounds, mask: &[u8]) -> f32 {
+    let width = bounds.size().width;
+    let radius = detection.size_px / 2.0;
+    let mut n_covered = 0_u32;
+    for (i, _) in mask.iter().enumerate().filter(|(_, mask)| **mask != 0) {
+        let x = f64::from(bounds.left) + (i % width) as f64 - detection.centre[0];
+        let y = f64::from(bounds.top) + (i / width) as f64 - detection.centre[1];
+        n_covered += u32::from(x.hypot(y) <= radius);
+    }
+    let circle = std::f64::consts::PI * radius * radius;
+    (f64::from(n_covered) / circle) as f32
 }
 
 /// One way to look for markers.

@@ -6,25 +6,31 @@
 //! # A floor as a file
 //!
 //! PNG with an alpha channel: the colours are the picture, alpha is 255 less the noise. Any program that shows pictures opens it, as good as
-//! opaque, the more transparent the noisier. A picture without an alpha channel is anybody's picture of the floor: it is denoised
-//! when it is read, and its noise is unknown. So the channel says which of the two a file is; a picture of one's own that has
-//! one is better saved without.
+//! opaque, the more transparent the noisier. A text in the file, with the key `overcam`, says that it is such a floor. Without it,
+//! as older versions wrote floors, only a file is one that has nothing in it but pixels, none of them opaque and nearly all of little
+//! noise, which is nothing that a paint program leaves behind.
+//!
+//! Every other file is anybody's picture of the floor: it is denoised when it is read, and its noise is unknown. Colours behind
+//! partial transparency count as they are; where it is full, nobody knows the floor, and the file is refused.
 //!
 //! Deliberately absent: anything that changes a floor after it was learned.
 
 pub mod learner;
 pub mod region;
 
-use std::fs;
 use std::path::Path;
 
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder, ImageResult};
-use imgproc::Size;
 use imgproc::median::median_3x3;
 
 use crate::frame::Picture;
-use crate::source::pictures::{PNG_SIGNATURE, PictureError, decode_png, read_picture};
+use crate::source::pictures::png::{self, Png, PngError};
+use crate::source::pictures::{PictureError, png_picture, read_file, read_png, read_with_alpha};
+
+/// Key and value of the text that marks a floor.
+const MARK: (&str, &str) = ("overcam", "floor; alpha is 255 less the noise");
+
+/// In a floor without a mark, no more than one pixel in so many has an alpha below 128, a noise above 16 grey levels.
+const NOISY_SHARE: usize = 100;
 
 /// Steps of [`Floor::noise`] in a grey level.
 pub const NOISE_STEPS: f32 = 8.0;
@@ -55,53 +61,53 @@ impl Floor {
         }
     }
 
-    /// Reads a PNG or JPEG file: a floor, or a picture of one.
+    /// Reads a PNG or JPEG file: a floor, or a picture of one. If samples have 16 bits, `n_bits` of them are in use; not given,
+    /// what the file itself tells.
     ///
     /// # Errors
     ///
-    /// [`PictureError`] when the file cannot be read or is damaged.
-    pub fn read(path: &Path) -> Result<Self, PictureError> {
-        let file = fs::read(path).map_err(|source| PictureError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        if !file.starts_with(PNG_SIGNATURE) {
-            return Ok(Self::from_picture(&read_picture(path)?));
+    /// [`PictureError`] when the file cannot be read, is damaged, or is a picture with fully transparent parts.
+    pub fn read(path: &Path, n_bits: Option<u8>) -> Result<Self, PictureError> {
+        let file = read_file(path)?;
+        if !file.starts_with(png::SIGNATURE) {
+            return Ok(Self::from_picture(&read_with_alpha(path, n_bits)?.0));
         }
-        Self::from_png(&file).map_err(|error| PictureError::Png {
-            path: path.to_owned(),
-            reason: error.to_string(),
-        })
+        let png = read_png(&file, path)?;
+        let Some(alpha) = png.alpha() else {
+            return Ok(Self::from_picture(&png_picture(&png, n_bits)));
+        };
+        let is_marked = png.text(MARK.0).is_some();
+        if is_marked || (png::is_bare(&file) && may_be_noise(&alpha)) {
+            return Ok(Self::with_noise(&png, &alpha));
+        }
+        let n_transparent = alpha.iter().filter(|&&alpha| alpha == 0).count();
+        if n_transparent > 0 {
+            return Err(PictureError::Transparent {
+                path: path.to_owned(),
+                percent: 100.0 * n_transparent as f64 / alpha.len() as f64,
+            });
+        }
+        Ok(Self::from_picture(&png_picture(&png, n_bits)))
     }
 
-    /// The floor that a PNG file holds, or that a picture in it shows.
+    /// The floor of a recording, as [`Floor::to_png`] wrote it, or a picture of one, if it has no alpha channel.
     ///
     /// # Errors
     ///
     /// When the bytes are no PNG file, or a damaged one.
-    pub fn from_png(png: &[u8]) -> ImageResult<Self> {
-        let image = decode_png(png)?;
-        let is_floor = image.color().has_alpha();
-        let size = Size {
-            width: image.width() as usize,
-            height: image.height() as usize,
-        };
-        let pixels = image.into_rgba8().into_raw();
-        let plane = |channel| pixels.iter().skip(channel).step_by(4).copied().collect();
-        let picture = Picture {
-            size,
-            red: plane(0),
-            green: plane(1),
-            blue: plane(2),
-        };
-        if !is_floor {
-            return Ok(Self::from_picture(&picture));
-        }
-        let alpha: Vec<u8> = plane(3);
-        Ok(Self {
-            picture,
-            noise: alpha.into_iter().map(|alpha| 255 - alpha).collect(),
+    pub fn from_png(png: &[u8]) -> Result<Self, PngError> {
+        let png = Png::read(png)?;
+        Ok(match png.alpha() {
+            Some(alpha) => Self::with_noise(&png, &alpha),
+            None => Self::from_picture(&png_picture(&png, None)),
         })
+    }
+
+    fn with_noise(png: &Png, alpha: &[u8]) -> Self {
+        Self {
+            picture: png_picture(png, None),
+            noise: alpha.iter().map(|alpha| 255 - alpha).collect(),
+        }
     }
 
     /// The floor as a PNG file, from which it is read back as it is.
@@ -122,14 +128,7 @@ impl Floor {
             .zip(&self.noise)
             .flat_map(|(((&red, &green), &blue), noise)| [red, green, blue, 255 - noise])
             .collect();
-        let mut png = Vec::new();
-        let (width, height) = (size.width as u32, size.height as u32);
-        let written =
-            PngEncoder::new(&mut png).write_image(&pixels, width, height, ExtendedColorType::Rgba8);
-        if let Err(error) = written {
-            panic!("a floor of {width}x{height} pixels cannot become a PNG file: {error}");
-        }
-        png
+        png::write(*size, ::png::ColorType::Rgba, &pixels, Some(MARK))
     }
 
     /// The noise that half of the pixels do not exceed, in grey levels; `None` where it is unknown.
@@ -145,6 +144,13 @@ impl Floor {
     }
 }
 
+/// Whether an alpha channel may be that of a floor that an older version learned: it knew the noise of each pixel, and of hardly any a
+/// great one.
+fn may_be_noise(alpha: &[u8]) -> bool {
+    let n_noisy = alpha.iter().filter(|&&alpha| alpha < 128).count();
+    alpha.iter().all(|&alpha| alpha < 255) && n_noisy <= alpha.len() / NOISY_SHARE
+}
+
 /// Removes the noise of single pixels, before pictures are compared.
 ///
 /// # Panics
@@ -158,6 +164,10 @@ pub(crate) fn denoise(picture: &Picture, out: &mut Picture) {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
+    use imgproc::Size;
+
     use super::*;
     use crate::source::pictures::write_png;
 
@@ -209,6 +219,62 @@ mod tests {
         assert_eq!(floor.picture.green, [100; SIZE.area()]);
         assert_eq!(floor.noise, [0; SIZE.area()]);
         assert_eq!(floor.median_noise(), None);
+    }
+
+    fn read(png: &[u8]) -> Result<Floor, PictureError> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("floor.png");
+        fs::write(&path, png).expect("written");
+        Floor::read(&path, None)
+    }
+
+    /// A picture with an alpha channel, as any program writes it.
+    fn with_alpha(alpha: &[u8], text: Option<(&str, &str)>) -> Vec<u8> {
+        let picture = picture();
+        let colours = picture.red.iter().zip(&picture.green).zip(&picture.blue);
+        let pixels: Vec<u8> = colours
+            .zip(alpha)
+            .flat_map(|(((&red, &green), &blue), &alpha)| [red, green, blue, alpha])
+            .collect();
+        png::write(SIZE, ::png::ColorType::Rgba, &pixels, text)
+    }
+
+    #[test]
+    fn a_file_is_a_floor_by_its_mark() {
+        let mut floor = Floor {
+            picture: picture(),
+            noise: vec![0; SIZE.area()],
+        };
+        floor.noise[7] = 255;
+        assert_eq!(read(&floor.to_png()).expect("own PNG"), floor);
+    }
+
+    #[test]
+    fn a_floor_of_an_older_version_is_told_by_its_noise() {
+        let alpha: Vec<u8> = (0..SIZE.area()).map(|i| 240 + (i % 5) as u8).collect();
+        let floor = read(&with_alpha(&alpha, None)).expect("an old floor");
+        assert_eq!(floor.picture, picture());
+        assert_eq!(floor.noise[4], 255 - 244);
+        // Whoever writes texts into files is another program.
+        let other = with_alpha(&alpha, Some(("Software", "a paint program")));
+        let floor = read(&other).expect("a picture");
+        assert_eq!(floor, Floor::from_picture(&picture()));
+    }
+
+    #[test]
+    fn transparency_of_others_is_no_noise() {
+        for alpha in [[255; SIZE.area()], [100; SIZE.area()]] {
+            let floor = read(&with_alpha(&alpha, None)).expect("a picture");
+            assert_eq!(floor, Floor::from_picture(&picture()));
+        }
+        let mut alpha = [255; SIZE.area()];
+        alpha[..7].fill(0);
+        let error = read(&with_alpha(&alpha, None)).expect_err("there is no floor");
+        let line = error.to_string();
+        assert!(
+            line.contains("20.0 %") && line.contains("--region"),
+            "{line}"
+        );
     }
 
     #[test]

@@ -26,6 +26,9 @@ use crate::jpeg::{self, JpegError};
 /// product of two sides and a few bytes a pixel overflows.
 pub const MAX_SIDE: usize = 16_384;
 
+/// Most pixels of a picture, 8192x8192. A header of a few bytes may claim any size, and the program takes some 100 bytes a pixel.
+pub const AREA_MAX: usize = 1 << 26;
+
 /// How the bytes of a [`Frame`] are laid out. Rows follow each other without padding; planes follow each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
@@ -82,9 +85,9 @@ pub struct Picture {
 /// Why a frame could not be decoded.
 #[derive(Debug, thiserror::Error)]
 pub enum DecodeError {
-    /// A side is 0 or longer than [`MAX_SIDE`].
+    /// A side is 0 or longer than [`MAX_SIDE`], or there are more than [`AREA_MAX`] pixels.
     #[error(
-        "a picture of {}x{} pixels cannot be decoded: sides must be 1 to {MAX_SIDE} pixels",
+        "a picture of {}x{} pixels cannot be decoded: sides must be 1 to {MAX_SIDE} pixels, and no more than {AREA_MAX} in all",
         size.width,
         size.height
     )]
@@ -115,7 +118,7 @@ pub enum DecodeError {
 
 impl PixelFormat {
     /// Bytes of a frame of this format and size; `None` for [`PixelFormat::Jpeg`], whose length is its own, and for a size
-    /// with a side of 0 or above [`MAX_SIDE`].
+    /// with a side of 0 or above [`MAX_SIDE`], or an area above [`AREA_MAX`].
     #[must_use]
     pub const fn frame_bytes(self, size: Size) -> Option<usize> {
         if !size_is_possible(size) {
@@ -212,8 +215,10 @@ pub fn decode(frame: &Frame, picture: &mut Picture) -> Result<(), DecodeError> {
     Ok(())
 }
 
-const fn size_is_possible(size: Size) -> bool {
-    size.width >= 1 && size.width <= MAX_SIDE && size.height >= 1 && size.height <= MAX_SIDE
+/// Whether a picture may have this size.
+pub(crate) const fn size_is_possible(size: Size) -> bool {
+    let Size { width, height } = size;
+    width >= 1 && width <= MAX_SIDE && height >= 1 && height <= MAX_SIDE && size.area() <= AREA_MAX
 }
 
 /// Red, green, blue triples into planes.

@@ -47,7 +47,7 @@ use crate::recording::series::Series;
 use crate::run::capture::{Counters, Orders, capture, open_source};
 use crate::run::heartbeat::Heartbeat;
 use crate::run::pace::Pace;
-use crate::run::process::{ProcessStage, Sink};
+use crate::run::process::{Damage, ProcessStage, Sink};
 use crate::run::record::{FloorWish, Recording, record};
 use crate::setup::Setup;
 use crate::slot::Slot;
@@ -225,12 +225,14 @@ pub fn run(
         pace: Pace::new(info.size, Instant::now()),
         counters: Arc::clone(&counters),
         capture_ended: false,
+        damage: Damage::default(),
     };
     let processed = stage.run(&frames, stop);
     if processed.is_ok() && stage.n_scenes == 0 && stage.books.processed > 0 {
         stage.explain_silence();
     }
     let (books, capture_ended) = (stage.books, stage.capture_ended);
+    let n_damaged = stage.damage.count;
     // The recorder ends with the last slot that is sent to it.
     drop((frames, stage));
     let recorded = recording
@@ -246,6 +248,7 @@ pub fn run(
         Ok(())
     };
     let books = books.with_capture(&counters, capture_ended);
+    counters.faulty.fetch_add(n_damaged, Ordering::AcqRel);
     finish(
         books,
         &counters,
@@ -305,10 +308,10 @@ fn finish(
         counters.lost_by_driver.load(Ordering::Acquire),
         counters.faulty.load(Ordering::Acquire),
     );
-    let camera = if lost + faulty > 0 {
-        format!(", {lost} lost by the driver, {faulty} faulty")
-    } else {
-        String::new()
+    let camera = match (lost, faulty) {
+        (0, 0) => String::new(),
+        (0, faulty) => format!(", {faulty} faulty"),
+        (lost, faulty) => format!(", {lost} lost by the driver, {faulty} faulty"),
     };
     tell(format_args!(
         "overcam: {}: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}",

@@ -235,7 +235,7 @@ impl Background {
                 Self::Learned
             });
         };
-        let floor = Floor::read(path)?;
+        let floor = Floor::read(path, source.n_bits())?;
         let (found, frames) = (floor.picture.size, source.info().size);
         if found != frames {
             bail!(

@@ -1,13 +1,17 @@
-//! Where frames come from: one enum, because its members are known.
+//! Where frames come from: one enum, because its members are known. `kind` tells what a path leads to by what is there, not by its
+//! name.
 //!
 //! [`camera`] captures from a V4L2 device ([`devices`] lists them, `negotiation` chooses among what a camera offers, [`controls`]
 //! locks its exposure and the like, `v4l2` is the kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`pictures`] read files,
 //! [`replay`](crate::recording::replay) reads recordings, and [`demo`] is the synthetic floor that `render` draws.
 
 pub mod camera;
+mod combing;
 pub mod controls;
+pub(crate) mod damaged;
 pub mod demo;
 pub mod devices;
+mod kind;
 mod negotiation;
 pub mod pictures;
 mod render;
@@ -15,7 +19,7 @@ mod v4l2;
 pub mod y4m;
 
 use std::fs::File;
-use std::io::{BufReader, Stdin};
+use std::io::{self, BufReader, Stdin};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -24,6 +28,7 @@ use crate::recording::replay::{Recording, ReplayError};
 use crate::slot::{Next, Slot, SourceInfo};
 use crate::source::camera::{Camera, CameraError, Counters, Wish};
 use crate::source::demo::Demo;
+use crate::source::kind::Kind;
 use crate::source::pictures::{PictureError, Pictures};
 use crate::source::y4m::{Y4m, Y4mError};
 
@@ -33,7 +38,7 @@ pub enum Source {
     Demo(Box<Demo>),
     /// A V4L2 camera.
     Camera(Box<Camera>),
-    /// A Y4M file.
+    /// A Y4M file, or a named pipe with such a stream.
     Y4mFile(Y4m<BufReader<File>>),
     /// Y4M on standard input.
     Y4mStdin(Y4m<BufReader<Stdin>>),
@@ -49,9 +54,22 @@ pub enum SourceError {
     /// There is no such thing.
     #[error("{}: there is no such camera, file or folder; `overcam devices` lists the cameras", .0.display())]
     Missing(PathBuf),
-    /// A file that is none of the known kinds.
-    #[error("{}: not a source of frames; give a camera, an .mcap or .y4m file, a folder of pictures, or -", .0.display())]
-    Unknown(PathBuf),
+    /// It is there, but the system does not let it be looked at.
+    #[error("{}: cannot be opened: {source}", path.display())]
+    Closed {
+        /// What `--device` names.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// Something that is none of the known kinds.
+    #[error("{}: {what}", path.display())]
+    Unknown {
+        /// What `--device` names.
+        path: PathBuf,
+        /// What it is, and what to do.
+        what: String,
+    },
     /// An argument that says something of a camera, or of a folder of pictures, to which it does not apply.
     #[error("{device}: {flag} does not apply to {kind}: leave it out")]
     Argument {
@@ -85,8 +103,10 @@ impl SourceError {
 }
 
 impl Source {
-    /// Opens what `--device` names: `demo`, `-`, a camera's node, a file or a folder. The wish is for cameras; its rate counts for
-    /// folders of pictures and its size for the demo too.
+    /// Opens what `--device` names: `demo`, `-`, a camera's node, a file, a pipe or a folder. What it is, its kind and its first bytes
+    /// say. The wish is for cameras; its rate counts for folders of pictures and its size for the demo too.
+    ///
+    /// A named pipe is waited for until a program writes to it.
     ///
     /// # Errors
     ///
@@ -110,27 +130,43 @@ impl Source {
             return Ok(Self::Y4mStdin(Y4m::stdin()?));
         }
         let path = Path::new(device);
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        match (path.metadata(), extension.as_deref()) {
-            // A camera's own message says more than "missing": which cameras there are.
-            (_, None) if path.starts_with("/dev") && !path.is_dir() => {
-                Ok(Self::Camera(Box::new(Camera::open(path, wish)?)))
+        let kind = match kind::of(path) {
+            Ok(kind) => kind,
+            // A camera's own message says more: which cameras there are.
+            Err(error) if error.kind() == io::ErrorKind::NotFound && path.starts_with("/dev") => {
+                Kind::Device
             }
-            (Err(_), _) => Err(SourceError::Missing(path.to_owned())),
-            (Ok(data), _) if data.is_dir() => {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Err(SourceError::Missing(path.to_owned()));
+            }
+            Err(source) => {
+                let path = path.to_owned();
+                return Err(SourceError::Closed { path, source });
+            }
+        };
+        match kind {
+            Kind::Device => Ok(Self::Camera(Box::new(Camera::open(path, wish)?))),
+            Kind::Folder => {
                 only(&["--rate"], "a folder of pictures")?;
                 let rate_hz = wish.rate_hz.unwrap_or(pictures::DEFAULT_RATE_HZ);
                 Ok(Self::Pictures(Pictures::open(path, rate_hz)?))
             }
-            (Ok(_), Some("mcap")) => {
+            Kind::Recording => {
                 only(&[], "a recording")?;
                 Ok(Self::Recording(Box::new(Recording::open(path)?)))
             }
-            (Ok(_), Some("y4m")) => {
+            Kind::Y4m => {
                 only(&[], "a Y4M file")?;
                 Ok(Self::Y4mFile(Y4m::open(path)?))
             }
-            (Ok(_), _) => Err(SourceError::Unknown(path.to_owned())),
+            Kind::Pipe => {
+                only(&[], "Y4M on a pipe")?;
+                Ok(Self::Y4mFile(Y4m::open(path)?))
+            }
+            Kind::Other(what) => Err(SourceError::Unknown {
+                path: path.to_owned(),
+                what,
+            }),
         }
     }
 
@@ -156,11 +192,26 @@ impl Source {
         }
     }
 
-    /// What a camera lost; `None` for everything else.
+    /// What a camera lost, and what a camera, a folder or a recording had that is no whole picture; `None` for everything else.
     #[must_use]
     pub fn camera_counters(&self) -> Option<Counters> {
+        let damaged = |faulty| Counters {
+            lost_by_driver: 0,
+            faulty,
+        };
         match self {
             Self::Camera(camera) => Some(camera.counters()),
+            Self::Pictures(pictures) => Some(damaged(pictures.n_damaged())),
+            Self::Recording(recording) => Some(damaged(recording.n_damaged())),
+            _ => None,
+        }
+    }
+
+    /// How many of 16 bits the samples of a folder's pictures use; `None` where they have 8, and for everything else.
+    #[must_use]
+    pub fn n_bits(&self) -> Option<u8> {
+        match self {
+            Self::Pictures(pictures) => pictures.n_bits(),
             _ => None,
         }
     }

@@ -1,21 +1,23 @@
 //! The part of the picture that is floor: whatever else a camera sees, walls, tables, a door, is not looked at.
 //!
-//! A region is drawn over a picture of the floor in any paint program: light where the floor is, dark elsewhere. What lies outside
-//! is taken out of the mask before shapes are searched, so that an object across the border is cut at it.
+//! A region is drawn over a picture of the floor in any paint program: light where the floor is, dark or transparent elsewhere. What
+//! lies outside is taken out of the mask before shapes are searched, so that an object across the border is cut at it.
 //!
 //! Deliberately absent: several regions, names and polygons. A planner that wants them has the positions.
 
 use std::path::Path;
 
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder, ImageError};
 use imgproc::Size;
 
 use crate::frame::Picture;
-use crate::source::pictures::{PictureError, decode_png, read_picture};
+use crate::source::pictures::png::{self, Png, PngError};
+use crate::source::pictures::{PictureError, png_picture, read_with_alpha};
 
 /// Brightness from which on a pixel of the drawing is floor.
 const LIGHT: u16 = 128;
+
+/// Alpha from which on a pixel of the drawing counts; what is more transparent was not drawn.
+const DRAWN: u8 = 128;
 
 /// Which pixels are floor.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,7 +39,7 @@ pub enum RegionError {
         /// The recording.
         name: String,
         /// What the decoder says.
-        source: ImageError,
+        source: PngError,
     },
     /// It was drawn for other frames.
     #[error(
@@ -54,7 +56,7 @@ pub enum RegionError {
     },
     /// Nothing is left to look at.
     #[error(
-        "region {name}: nothing in it is light, so nothing would be looked at; draw the floor white and the rest black"
+        "region {name}: nothing in it is light and opaque, so nothing would be looked at; draw the floor white and the rest black"
     )]
     Empty {
         /// The file.
@@ -70,7 +72,8 @@ impl Region {
     /// [`RegionError`] when the file cannot be read, has another size, or nothing in it is light.
     pub fn read(path: &Path, frames: Size) -> Result<Self, RegionError> {
         let name = path.display().to_string();
-        Self::from_picture(&read_picture(path)?, &name, frames)
+        let (picture, alpha) = read_with_alpha(path, None)?;
+        Self::from_picture(&picture, alpha.as_deref(), &name, frames)
     }
 
     /// Takes the region of the recording `name`, as [`Region::to_png`] wrote it.
@@ -79,23 +82,20 @@ impl Region {
     ///
     /// [`RegionError`] when it cannot be read, has another size, or nothing in it is light.
     pub fn from_png(png: &[u8], name: &str, frames: Size) -> Result<Self, RegionError> {
-        let image = decode_png(png).map_err(|source| RegionError::Png {
+        let png = Png::read(png).map_err(|source| RegionError::Png {
             name: name.to_owned(),
             source,
         })?;
-        let (width, height) = (image.width() as usize, image.height() as usize);
-        let pixels = image.into_rgb8().into_raw();
-        let plane = |channel| pixels.iter().skip(channel).step_by(3).copied().collect();
-        let picture = Picture {
-            size: Size { width, height },
-            red: plane(0),
-            green: plane(1),
-            blue: plane(2),
-        };
-        Self::from_picture(&picture, name, frames)
+        let alpha = png.alpha();
+        Self::from_picture(&png_picture(&png, None), alpha.as_deref(), name, frames)
     }
 
-    fn from_picture(picture: &Picture, name: &str, frames: Size) -> Result<Self, RegionError> {
+    fn from_picture(
+        picture: &Picture,
+        alpha: Option<&[u8]>,
+        name: &str,
+        frames: Size,
+    ) -> Result<Self, RegionError> {
         let name = name.to_owned();
         if picture.size != frames {
             return Err(RegionError::Size {
@@ -105,12 +105,15 @@ impl Region {
             });
         }
         let colours = picture.red.iter().zip(&picture.green).zip(&picture.blue);
-        let floor: Vec<u8> = colours
+        let mut floor: Vec<u8> = colours
             .map(|((&red, &green), &blue)| {
                 let brightness = (u16::from(red) + 2 * u16::from(green) + u16::from(blue)) / 4;
                 u8::from(brightness >= LIGHT)
             })
             .collect();
+        for (floor, &alpha) in floor.iter_mut().zip(alpha.unwrap_or_default()) {
+            *floor &= u8::from(alpha >= DRAWN);
+        }
         if floor.iter().all(|&floor| floor == 0) {
             return Err(RegionError::Empty { name });
         }
@@ -128,14 +131,7 @@ impl Region {
     #[must_use]
     pub fn to_png(&self) -> Vec<u8> {
         let pixels: Vec<u8> = self.floor.iter().map(|&floor| 255 * floor).collect();
-        let (width, height) = (self.size.width as u32, self.size.height as u32);
-        let mut png = Vec::new();
-        let written =
-            PngEncoder::new(&mut png).write_image(&pixels, width, height, ExtendedColorType::L8);
-        if let Err(error) = written {
-            panic!("a region of {width}x{height} pixels cannot become a PNG file: {error}");
-        }
-        png
+        png::write(self.size, ::png::ColorType::Grayscale, &pixels, None)
     }
 
     /// Size of the frames that it belongs to.
@@ -200,6 +196,22 @@ mod tests {
         assert!((region.share() - 7.0 / 12.0).abs() < 1e-12);
         let again = Region::from_png(&region.to_png(), "run.mcap", SIZE).expect("own PNG");
         assert_eq!(again, region);
+    }
+
+    #[test]
+    fn what_is_transparent_is_not_looked_at() {
+        let alpha = [255, 255, 128, 127, 0, 0, 255, 255, 255, 0, 0, 0];
+        let pixels: Vec<u8> = alpha.iter().flat_map(|&alpha| [255, alpha]).collect();
+        let png = png::write(SIZE, ::png::ColorType::GrayscaleAlpha, &pixels, None);
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("region.png");
+        std::fs::write(&path, &png).expect("written");
+        let read = Region::read(&path, SIZE).expect("it can be read");
+        assert_eq!(read.floor, [1, 1, 1, 0, 0, 0, 1, 1, 1, 0, 0, 0]);
+        assert_eq!(
+            Region::from_png(&png, "run.mcap", SIZE).expect("it can be read"),
+            read
+        );
     }
 
     #[test]

@@ -9,6 +9,9 @@
 //! and JPEG files) is turned without loss: a JPEG picture among raw ones becomes RGB, a raw one among JPEG pictures becomes
 //! a PNG.
 //!
+//! What other programs call the format of a compressed image differs (`jpeg`, `JPEG`, `image/jpeg`, `rgb8; jpeg compressed bgr8`); its
+//! first bytes say what it is.
+//!
 //! Deliberately absent: Foxglove's other encodings (BGR, alpha, Bayer, 16 bit, float). No frame of overcam has them.
 
 use std::error::Error;
@@ -18,10 +21,13 @@ use foxglove::messages::{CompressedImage, RawImage, Timestamp};
 use foxglove::{Decode, Encode};
 use imgproc::Size;
 
-use crate::frame::{DecodeError, Frame, Picture, PixelFormat, decode};
+use crate::frame::{
+    AREA_MAX, DecodeError, Frame, MAX_SIDE, Picture, PixelFormat, decode, size_is_possible,
+};
 use crate::jpeg::{self, JpegError};
 use crate::slot::SourceInfo;
-use crate::source::pictures::{decode_png, write_png};
+use crate::source::pictures::png::{self, Png, PngError};
+use crate::source::pictures::{png_picture, write_png};
 
 /// Frame of reference of an image message: pixels of the camera image.
 pub(crate) const IMAGE_FRAME: &str = "image";
@@ -57,8 +63,8 @@ pub enum ImageError {
     #[error("the message is damaged: {0}")]
     Message(Box<dyn Error + Send + Sync>),
     /// The PNG picture inside cannot be read.
-    #[error("the picture is damaged: {0}")]
-    Picture(#[from] image::ImageError),
+    #[error(transparent)]
+    Picture(#[from] PngError),
     /// The JPEG picture inside cannot be read.
     #[error(transparent)]
     ReadJpeg(#[from] JpegError),
@@ -94,8 +100,20 @@ pub enum ImageError {
         /// Rows.
         height: u32,
     },
-    /// A format of `CompressedImage` that overcam does not read.
-    #[error("cannot read an image in the format `{0}` (jpeg and png are read)")]
+    /// The message claims more pixels than a picture may have.
+    #[error(
+        "it claims {width}x{height} pixels; sides must be 1 to {MAX_SIDE}, and no more than {AREA_MAX} in all"
+    )]
+    TooLarge {
+        /// Pixels in a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// A compressed image that overcam does not read.
+    #[error(
+        "cannot read an image in the format `{0}`, whose bytes are neither those of a JPEG nor of a PNG file"
+    )]
     Format(String),
 }
 
@@ -230,18 +248,46 @@ pub(crate) fn encode_message<T: Encode>(message: &T, buffer: &mut Vec<u8>) {
         .expect("a vector grows to hold any message");
 }
 
+/// What is known of the images before one of them is read.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Known {
+    /// The size of JPEG pictures of a recording that overcam made, so that they need not be opened.
+    pub(crate) jpeg_size: Option<Size>,
+    /// How many bits are in use of samples that have 16. Where it is not known, the first such picture settles it.
+    pub(crate) n_bits: Option<u8>,
+}
+
 /// Reads a message into size, layout and bytes of `frame`; its other fields stay as they are.
-///
-/// `jpeg_size` is the size of JPEG pictures where it is known, so that they need not be opened.
 pub(crate) fn decode_message(
     schema: ImageSchema,
     message: Bytes,
-    jpeg_size: Option<Size>,
+    known: &mut Known,
     frame: &mut Frame,
 ) -> Result<(), ImageError> {
     match schema {
         ImageSchema::Raw => decode_raw(&read_message(message)?, frame),
-        ImageSchema::Compressed => decode_compressed(&read_message(message)?, jpeg_size, frame),
+        ImageSchema::Compressed => decode_compressed(&read_message(message)?, known, frame),
+    }
+}
+
+/// The timestamp in a message, in nanoseconds; none if the message has none.
+pub(crate) fn time_of_message(
+    schema: ImageSchema,
+    message: Bytes,
+) -> Result<Option<u64>, ImageError> {
+    let timestamp = match schema {
+        ImageSchema::Raw => read_message::<RawImage>(message)?.timestamp,
+        ImageSchema::Compressed => read_message::<CompressedImage>(message)?.timestamp,
+    };
+    Ok(timestamp.map(|t| t.total_nanos()).filter(|&ns| ns > 0))
+}
+
+/// The message type of a topic, if it is one that can be played.
+pub(crate) fn image_schema(name: &str, encoding: &str) -> Option<ImageSchema> {
+    match (name, encoding) {
+        ("foxglove.RawImage", "protobuf") => Some(ImageSchema::Raw),
+        ("foxglove.CompressedImage", "protobuf") => Some(ImageSchema::Compressed),
+        _ => None,
     }
 }
 
@@ -254,8 +300,14 @@ fn decode_raw(image: &RawImage, frame: &mut Frame) -> Result<(), ImageError> {
         width: image.width as usize,
         height: image.height as usize,
     };
-    let format = match image.encoding.as_str() {
-        "mono8" | "8UC1" => PixelFormat::Grey,
+    if !size_is_possible(size) && size.area() > 0 {
+        return Err(ImageError::TooLarge {
+            width: image.width,
+            height: image.height,
+        });
+    }
+    let format = match image.encoding.to_lowercase().as_str() {
+        "mono8" | "8uc1" => PixelFormat::Grey,
         "rgb8" => PixelFormat::Rgb,
         "yuv422_yuy2" | "yuyv" => PixelFormat::Yuyv,
         "yuv422" | "uyvy" => PixelFormat::Uyvy,
@@ -286,38 +338,30 @@ fn decode_raw(image: &RawImage, frame: &mut Frame) -> Result<(), ImageError> {
 
 fn decode_compressed(
     image: &CompressedImage,
-    jpeg_size: Option<Size>,
+    known: &mut Known,
     frame: &mut Frame,
 ) -> Result<(), ImageError> {
-    match image.format.as_str() {
-        "jpeg" | "jpg" => {
-            frame.size = match jpeg_size {
-                Some(size) => size,
-                None => jpeg::size(&image.data)?,
-            };
-            frame.format = PixelFormat::Jpeg;
-            frame.bytes.clear();
-            frame.bytes.extend_from_slice(&image.data);
-        }
-        "png" => {
-            let (size, rgb) = rgb_from_png(&image.data)?;
-            frame.size = size;
-            frame.format = PixelFormat::Rgb;
-            frame.bytes.clear();
-            frame.bytes.extend_from_slice(&rgb);
-        }
-        _ => return Err(ImageError::Format(image.format.clone())),
+    let data = &image.data;
+    let own_size = known.jpeg_size.filter(|_| image.format == "jpeg");
+    if own_size.is_some() || data.starts_with(&[0xff, 0xd8]) {
+        frame.size = match own_size {
+            Some(size) => size,
+            None => jpeg::size(data)?,
+        };
+        frame.format = PixelFormat::Jpeg;
+        frame.bytes.clear();
+        frame.bytes.extend_from_slice(data);
+    } else if data.starts_with(png::SIGNATURE) {
+        let png = Png::read(data)?;
+        known.n_bits = known.n_bits.or_else(|| png.n_bits());
+        let picture = png_picture(&png, known.n_bits);
+        frame.size = picture.size;
+        frame.format = PixelFormat::Rgb;
+        interleave(&picture, &mut frame.bytes);
+    } else {
+        return Err(ImageError::Format(image.format.clone()));
     }
     Ok(())
-}
-
-fn rgb_from_png(png: &[u8]) -> Result<(Size, Vec<u8>), ImageError> {
-    let image = decode_png(png)?.into_rgb8();
-    let size = Size {
-        width: image.width() as usize,
-        height: image.height() as usize,
-    };
-    Ok((size, image.into_raw()))
 }
 
 fn interleave(picture: &Picture, rgb: &mut Vec<u8>) {
@@ -408,8 +452,13 @@ mod tests {
             full_range: frame.full_range,
             ..Frame::empty()
         };
-        decode_message(encoder.schema(), message.into(), None, &mut read)
-            .expect("the message can be read");
+        decode_message(
+            encoder.schema(),
+            message.into(),
+            &mut Known::default(),
+            &mut read,
+        )
+        .expect("the message can be read");
         read
     }
 
@@ -496,6 +545,44 @@ mod tests {
     }
 
     #[test]
+    fn a_compressed_image_is_what_its_bytes_are() {
+        let raw = frame(PixelFormat::Rgb, 16, 8);
+        let jpeg = round_trip(ImageMode::Jpeg { quality: 90 }, PixelFormat::Rgb, &raw).bytes;
+        let mut read = Frame::empty();
+        let mut decode = |format: &str, data: &[u8]| {
+            let image = CompressedImage {
+                format: format.to_owned(),
+                data: Bytes::copy_from_slice(data),
+                ..CompressedImage::default()
+            };
+            decode_compressed(&image, &mut Known::default(), &mut read).map(|()| read.format)
+        };
+        for format in [
+            "jpeg",
+            "JPG",
+            "image/jpeg",
+            "rgb8; jpeg compressed bgr8",
+            "",
+            "png",
+        ] {
+            let read = decode(format, &jpeg).expect("it is JPEG");
+            assert_eq!(read, PixelFormat::Jpeg, "{format}");
+        }
+        let png = write_png(&Picture::new(raw.size));
+        for format in ["png", "PNG", "mono8; png compressed mono8"] {
+            assert_eq!(
+                decode(format, &png).expect("it is PNG"),
+                PixelFormat::Rgb,
+                "{format}"
+            );
+        }
+        let error = decode("webp", b"RIFF....WEBP").expect_err("not read");
+        assert!(error.to_string().contains("`webp`"), "{error}");
+        let cut = [&jpeg[..jpeg.len() / 2], &[0xff, 0xd9]].concat();
+        decode("jpeg", &cut).expect_err("cut off");
+    }
+
+    #[test]
     fn images_that_do_not_fit_are_refused() {
         let image = |encoding: &str, width, height, step, n_bytes: usize| RawImage {
             width,
@@ -520,6 +607,8 @@ mod tests {
             let error = refuse(image(encoding, width, height, 100, 1000));
             assert!(matches!(error, ImageError::Encoding { .. }), "{error}");
         }
+        let error = refuse(image("mono8", 100_000, 100_000, 100_000, 1000));
+        assert!(matches!(error, ImageError::TooLarge { .. }), "{error}");
         for (encoding, step, n_bytes, needed) in [
             ("rgb8", 6, 11, 12),
             ("rgb8", 5, 12, 12),

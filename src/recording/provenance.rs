@@ -13,7 +13,7 @@ use std::str::FromStr;
 
 use imgproc::Size;
 
-use crate::frame::PixelFormat;
+use crate::frame::{AREA_MAX, MAX_SIDE, PixelFormat, size_is_possible};
 use crate::marker::MarkerFile;
 use crate::recording::image_message::ImageMode;
 use crate::slot::SourceInfo;
@@ -87,6 +87,12 @@ pub enum ProvenanceError {
         /// What it says.
         value: String,
     },
+    /// The frames are said to have more pixels than a picture may have.
+    #[error(
+        "its metadata claims frames of {}x{} pixels; sides must be 1 to {MAX_SIDE}, and no more than {AREA_MAX} in all",
+        .0.width, .0.height
+    )]
+    Size(Size),
     /// An attachment that must be text is not.
     #[error("its attachment `{0}` is not UTF-8 text")]
     NotText(String),
@@ -198,17 +204,28 @@ pub(crate) fn from_metadata(
             .cloned()
             .ok_or(ProvenanceError::MissingKey(key))
     };
+    let size = Size {
+        width: number(metadata, "width")?,
+        height: number(metadata, "height")?,
+    };
+    // Memory is taken by what these say.
+    if !size_is_possible(size) {
+        return Err(ProvenanceError::Size(size));
+    }
+    let rate_hz: Option<f64> = match metadata.get("rate_hz") {
+        Some(_) => Some(number(metadata, "rate_hz")?),
+        None => None,
+    };
+    if let Some(rate) = rate_hz.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
+        return Err(ProvenanceError::BadValue {
+            key: "rate_hz",
+            value: rate.to_string(),
+        });
+    }
     let frames = Frames {
-        size: Size {
-            width: number(metadata, "width")?,
-            height: number(metadata, "height")?,
-        },
+        size,
         stored_format: stored_format(&text("stored_format")?)?,
-        rate_hz: if metadata.contains_key("rate_hz") {
-            Some(number(metadata, "rate_hz")?)
-        } else {
-            None
-        },
+        rate_hz,
         wall_offset_ns: number(metadata, "wall_offset_ns")?,
         controls: metadata.get("controls").cloned(),
     };

@@ -16,13 +16,13 @@ use std::path::{Path, PathBuf};
 use mcap::records::{Record, op};
 use mcap::{Attachment, McapResult};
 
+use crate::recording::image_message::image_schema;
 use crate::recording::record::{
     CHUNK_BYTES, Mcap, RecordError, create_file, open_mcap, write_error,
 };
 use crate::recording::records::{
     Chunks, OpenError, RawRecord, Records, RecordsError, open, unpack_chunk,
 };
-use crate::recording::replay::image_schema;
 
 /// What was kept and what was not.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -9,31 +9,44 @@
 //! they are computed again.
 //!
 //! A file that overcam did not write is played too if exactly one of its topics holds Foxglove images. Its time stamps count
-//! from its first image, its frames from 0.
+//! from its first image, its frames from 0; `foreign` says what is made of its times.
+//!
+//! An image that cannot be read is passed over, told and counted, as a frame that a camera lost. JPEG pictures of overcam's own
+//! recordings are not looked into here: each that gave a result when it was recorded gives it again.
 //!
 //! Deliberately absent: seeking, other speeds, and other message types (ROS).
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, Read, Seek};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use foxglove::bytes::Bytes;
 use mcap::McapError;
 use mcap::records::{AttachmentHeader, Channel, MessageHeader, Record};
-use mcap::sans_io::{SummaryReadEvent, SummaryReader};
 
 use crate::floor::Floor;
 use crate::frame::Frame;
-use crate::recording::image_message::{ImageError, ImageSchema, decode_message};
+use crate::recording::foreign::{ClockStep, Order, survey};
+use crate::recording::image_message::{
+    ImageError, ImageSchema, Known, decode_message, image_schema,
+};
 use crate::recording::provenance::{
     self, BACKGROUND_NAME, Frames, METADATA_NAME, Provenance, ProvenanceError,
 };
 use crate::recording::records::{Chunks, OpenError, Records, RecordsError, open};
 use crate::recording::topics::{FULL_RANGE_KEY, IMAGE_TOPIC, PASSED_OVER_TOPIC};
 use crate::slot::{Next, Slot, SourceInfo};
+use crate::source::damaged::Damaged;
+use crate::status::tell;
 
 use imgproc::Size;
+
+/// Most bytes of images that may wait for one that belongs before them.
+const WAITING_BYTES_MAX: usize = 1 << 29;
+
+/// Most clock steps that are told one by one.
+const TOLD_STEPS_MAX: usize = 5;
 
 /// A recording, or another MCAP file with images, as a source of frames.
 pub struct Recording {
@@ -57,8 +70,12 @@ struct Reader {
     maker: Maker,
     schemas: HashMap<u16, ImageSchema>,
     channels: HashMap<u16, ImageChannel>,
+    known: Known,
     /// Number of the newest frame.
     newest: Option<u64>,
+    damaged: Damaged,
+    /// Why the first image that could not be read could not.
+    first_damage: Option<ReplayError>,
     ended: bool,
 }
 
@@ -67,10 +84,16 @@ enum Maker {
     /// Not known yet: no metadata and no channel so far.
     Unknown,
     Overcam(Frames),
-    Other {
-        topic: String,
-        first_log_time_ns: Option<u64>,
-    },
+    Other(Foreign),
+}
+
+/// What is known of another program's file.
+struct Foreign {
+    /// The image topic with its message type and encoding.
+    name: String,
+    /// Its channels.
+    channels: HashMap<u16, ImageSchema>,
+    order: Order,
 }
 
 #[derive(Clone, Copy)]
@@ -134,10 +157,12 @@ pub enum ReplayError {
         source: ProvenanceError,
     },
     /// A frame, or the background that comes with it, cannot be read.
-    #[error("{} has an unusable image {after}: {source}", path.display())]
+    #[error("{} has an unusable image {after}, of {topic}: {source}", path.display())]
     Image {
         /// The file.
         path: PathBuf,
+        /// The topic or attachment; of another program's file with its message type and encoding.
+        topic: String,
         /// Where.
         after: After,
         /// Why.
@@ -177,9 +202,19 @@ pub enum ReplayError {
         /// The image topics.
         topics: String,
     },
-    /// Another program's file whose topics cannot be looked up.
-    #[error("{0} was not written by overcam and has no index; `overcam recover {0} -o NEW` adds one", path.display())]
-    NoIndex {
+    /// Images, and not one of them can be read.
+    #[error("{}: none of its {count} images can be read; the first: {first}", path.display())]
+    NoneReadable {
+        /// The file.
+        path: PathBuf,
+        /// Images in it.
+        count: u64,
+        /// What is wrong with the first.
+        first: Box<ReplayError>,
+    },
+    /// Images far behind those that belong after them.
+    #[error("{} has images in so different an order than time that they do not fit into memory; sort it with `mcap sort`", path.display())]
+    Disorder {
         /// The file.
         path: PathBuf,
     },
@@ -219,7 +254,10 @@ impl Recording {
             maker: Maker::Unknown,
             schemas: HashMap::new(),
             channels: HashMap::new(),
+            known: Known::default(),
             newest: None,
+            damaged: Damaged::default(),
+            first_damage: None,
             ended: false,
         };
         let mut first = Image {
@@ -228,12 +266,13 @@ impl Recording {
             background: None,
         };
         let found = reader.next(&mut first, None)?;
+        if !found && reader.first_damage.is_some() {
+            return Err(reader.none_readable());
+        }
         let (size, format) = match &reader.maker {
             _ if found => (first.frame.size, first.frame.format),
             Maker::Overcam(frames) => (frames.size, frames.stored_format),
-            Maker::Other { topic, .. } => {
-                return Err(reader.no_images(format!("{topic} (without a message)")));
-            }
+            Maker::Other(_) => return Err(reader.none_readable()),
             Maker::Unknown => return Err(reader.no_images("none".to_owned())),
         };
         let (rate_hz, controls) = match &reader.maker {
@@ -258,6 +297,12 @@ impl Recording {
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         self.info.clone()
+    }
+
+    /// Images that could not be read so far.
+    #[must_use]
+    pub fn n_damaged(&self) -> u64 {
+        self.reader.damaged.count
     }
 
     /// How the recording was made. Empty if overcam did not make it.
@@ -306,12 +351,20 @@ impl Reader {
         // Whatever ends the loop below ends the recording, unless it is a frame.
         self.ended = true;
         image.background = None;
-        while let Some(record) = self.records.next().map_err(|error| self.error(error))? {
+        loop {
+            if self.take_due(image, size)? {
+                self.ended = false;
+                return Ok(true);
+            }
+            let Some(record) = self.records.next().map_err(|error| self.error(error))? else {
+                return Ok(false);
+            };
             match record.parse().map_err(|error| self.error(error))? {
                 Record::Metadata(metadata) if metadata.name == METADATA_NAME => {
                     let (frames, provenance) = provenance::from_metadata(&metadata.metadata)
                         .map_err(|error| self.provenance_error(error))?;
                     self.provenance = provenance;
+                    self.known.jpeg_size = Some(frames.size);
                     self.maker = Maker::Overcam(frames);
                 }
                 Record::Attachment { header, data, .. } => {
@@ -324,19 +377,17 @@ impl Reader {
                 }
                 Record::Channel(channel) => self.add_channel(&channel)?,
                 Record::Message { header, data } => {
-                    if let Some(&channel) = self.channels.get(&header.channel_id) {
-                        let message = record.content.slice_ref(&data);
-                        self.take_frame(&header, message, channel, image, size)?;
+                    let message = record.content.slice_ref(&data);
+                    if self.take_message(&header, message, image)? {
                         self.ended = false;
                         return Ok(true);
                     }
                 }
                 // What follows is the index.
-                Record::DataEnd(_) => break,
+                Record::DataEnd(_) => return Ok(false),
                 _ => {}
             }
         }
-        Ok(false)
     }
 
     fn take_attachment(
@@ -349,7 +400,8 @@ impl Reader {
             return Ok(());
         }
         if header.name == BACKGROUND_NAME {
-            let floor = Floor::from_png(data).map_err(|error| self.image_error(error.into()))?;
+            let floor = Floor::from_png(data)
+                .map_err(|error| self.image_error(header.name.clone(), error.into()))?;
             image.background = Some(floor);
             return Ok(());
         }
@@ -361,17 +413,11 @@ impl Reader {
     fn add_channel(&mut self, channel: &Channel) -> Result<(), ReplayError> {
         // A recording's metadata comes before all channels.
         if matches!(self.maker, Maker::Unknown) {
-            self.maker = Maker::Other {
-                topic: self.only_image_topic()?,
-                first_log_time_ns: None,
-            };
+            self.maker = Maker::Other(self.look_through()?);
         }
-        let is_wanted = match &self.maker {
-            Maker::Other { topic, .. } => channel.topic == *topic,
-            _ => [IMAGE_TOPIC, PASSED_OVER_TOPIC].contains(&channel.topic.as_str()),
-        };
         let schema = self.schemas.get(&channel.schema_id);
-        if let (true, Some(&schema)) = (is_wanted, schema) {
+        let is_wanted = [IMAGE_TOPIC, PASSED_OVER_TOPIC].contains(&channel.topic.as_str());
+        if let (Maker::Overcam(_), true, Some(&schema)) = (&self.maker, is_wanted, schema) {
             let full_range = channel.metadata.get(FULL_RANGE_KEY);
             let image_channel = ImageChannel {
                 schema,
@@ -383,37 +429,93 @@ impl Reader {
         Ok(())
     }
 
-    fn take_frame(
+    /// Takes in a message; true when it became a frame. One of another program's images waits for its turn.
+    fn take_message(
         &mut self,
         header: &MessageHeader,
         message: Bytes,
-        channel: ImageChannel,
         image: &mut Image,
-        size: Option<Size>,
-    ) -> Result<(), ReplayError> {
-        let (stamp_ns, sequence, own_size) = match &mut self.maker {
-            Maker::Overcam(frames) => (
-                header.log_time.wrapping_sub(frames.wall_offset_ns),
-                full_sequence(self.newest, header.sequence),
-                Some(frames.size),
-            ),
-            Maker::Other {
-                first_log_time_ns, ..
-            } => (
-                header
-                    .log_time
-                    .saturating_sub(*first_log_time_ns.get_or_insert(header.log_time)),
-                self.newest.map_or(0, |newest| newest + 1),
-                None,
-            ),
-            Maker::Unknown => unreachable!("a channel settles who made the file"),
+    ) -> Result<bool, ReplayError> {
+        let frames = match &mut self.maker {
+            Maker::Overcam(frames) => frames,
+            Maker::Other(foreign) => {
+                if let Some(&schema) = foreign.channels.get(&header.channel_id) {
+                    foreign.order.add(schema, message);
+                    if foreign.order.waiting_bytes() > WAITING_BYTES_MAX {
+                        let path = self.path.clone();
+                        return Err(ReplayError::Disorder { path });
+                    }
+                }
+                return Ok(false);
+            }
+            Maker::Unknown => return Ok(false),
         };
-        let frame = &mut image.frame;
-        decode_message(channel.schema, message, own_size, frame)
-            .map_err(|source| self.image_error(source))?;
-        let expected = own_size.or(size).unwrap_or(frame.size);
+        let Some(&channel) = self.channels.get(&header.channel_id) else {
+            return Ok(false);
+        };
+        let sequence = full_sequence(self.newest, header.sequence);
+        let stamp_ns = header.log_time.wrapping_sub(frames.wall_offset_ns);
+        let expected = frames.size;
+        let read = decode_message(channel.schema, message, &mut self.known, &mut image.frame);
+        if let Err(source) = read {
+            self.pass_over(
+                if channel.passed_over {
+                    PASSED_OVER_TOPIC
+                } else {
+                    IMAGE_TOPIC
+                }
+                .to_owned(),
+                source,
+            );
+            self.newest = Some(sequence);
+            return Ok(false);
+        }
+        self.check_size(image, expected)?;
+        image.frame.sequence = sequence;
+        image.frame.stamp_ns = stamp_ns;
+        image.frame.full_range = channel.full_range;
+        image.passed_over = channel.passed_over;
+        self.newest = Some(sequence);
+        Ok(true)
+    }
+
+    /// Takes the images of another program's file whose turn it is, up to one that can be read; false when there is none yet.
+    fn take_due(&mut self, image: &mut Image, size: Option<Size>) -> Result<bool, ReplayError> {
+        while let Maker::Other(foreign) = &mut self.maker {
+            let Some(due) = foreign.order.due() else {
+                return Ok(false);
+            };
+            let frame = &mut image.frame;
+            let read = decode_message(due.schema, due.message, &mut self.known, frame);
+            if let Err(source) = read {
+                let name = foreign.name.clone();
+                self.pass_over(name, source);
+                self.newest = Some(due.number);
+                continue;
+            }
+            self.check_size(image, size.unwrap_or(image.frame.size))?;
+            image.frame.sequence = due.number;
+            image.frame.stamp_ns = due.stamp_ns;
+            image.frame.full_range = false;
+            image.passed_over = false;
+            self.newest = Some(due.number);
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    fn pass_over(&mut self, topic: String, source: ImageError) {
+        let error = self.image_error(topic, source);
+        self.damaged.pass_over(&error);
+        self.first_damage.get_or_insert(error);
+    }
+
+    fn check_size(&self, image: &Image, expected: Size) -> Result<(), ReplayError> {
         let background_size = image.background.as_ref().map(|floor| floor.picture.size);
-        for found in [Some(frame.size), background_size].into_iter().flatten() {
+        for found in [Some(image.frame.size), background_size]
+            .into_iter()
+            .flatten()
+        {
             if found != expected {
                 return Err(ReplayError::Size {
                     path: self.path.clone(),
@@ -423,42 +525,67 @@ impl Reader {
                 });
             }
         }
-        frame.sequence = sequence;
-        frame.stamp_ns = stamp_ns;
-        frame.full_range = channel.full_range;
-        image.passed_over = channel.passed_over;
-        self.newest = Some(sequence);
         Ok(())
     }
 
-    /// Looks up the image topic of a file that overcam did not write.
-    fn only_image_topic(&self) -> Result<String, ReplayError> {
-        let summary = read_summary(&self.path).ok().flatten();
-        let Some(summary) = summary else {
-            return Err(ReplayError::NoIndex {
-                path: self.path.clone(),
-            });
-        };
-        let mut topics: Vec<&str> = Vec::new();
-        let mut image_topics: Vec<&str> = Vec::new();
-        for channel in summary.channels.values() {
-            topics.push(&channel.topic);
-            let schema = channel.schema.as_ref();
-            if schema.is_some_and(|schema| image_schema(&schema.name, &schema.encoding).is_some()) {
-                image_topics.push(&channel.topic);
+    /// Reads another program's file once, to learn which of its messages are images and when they were taken.
+    fn look_through(&self) -> Result<Foreign, ReplayError> {
+        let file = open(&self.path).map_err(|source| ReplayError::Open {
+            path: self.path.clone(),
+            source,
+        })?;
+        let survey =
+            survey(Records::new(file, Chunks::Unpacked)).map_err(|error| self.error(error))?;
+        let topic = match survey.image_topics()[..] {
+            [topic] => topic.to_owned(),
+            [] => return Err(self.no_images(survey.topics())),
+            ref topics => {
+                return Err(ReplayError::ManyImages {
+                    path: self.path.clone(),
+                    topics: topics.join(", "),
+                });
             }
+        };
+        let (order, steps) = survey.order();
+        self.tell_steps(&steps);
+        let of_topic = || survey.channels.iter().filter(|(_, c)| c.topic == topic);
+        let name = of_topic().find(|(_, c)| c.image.is_some());
+        Ok(Foreign {
+            name: name.map_or(topic.clone(), |(_, channel)| channel.to_string()),
+            channels: of_topic()
+                .filter_map(|(&id, c)| Some((id, c.image?)))
+                .collect(),
+            order,
+        })
+    }
+
+    fn tell_steps(&self, steps: &[ClockStep]) {
+        let path = self.path.display();
+        for step in steps.iter().take(TOLD_STEPS_MAX) {
+            let (seconds, image) = (step.step_ns as f64 * 1e-9, step.image);
+            tell(format_args!(
+                "overcam: {path}: a clock was set by {seconds:+.3} s before its image {image}; time goes on without the step"
+            ));
         }
-        for list in [&mut topics, &mut image_topics] {
-            list.sort_unstable();
-            list.dedup();
+        if let Some(further) = steps.len().checked_sub(TOLD_STEPS_MAX).filter(|&n| n > 0) {
+            tell(format_args!("overcam: {path}: and {further} times more"));
         }
-        match image_topics[..] {
-            [topic] => Ok(topic.to_owned()),
-            [] => Err(self.no_images(topics.join(", "))),
-            _ => Err(ReplayError::ManyImages {
-                path: self.path.clone(),
-                topics: image_topics.join(", "),
-            }),
+    }
+
+    /// What there is to say when a file with images gave no frame.
+    fn none_readable(&mut self) -> ReplayError {
+        let path = self.path.clone();
+        match (self.damaged.count, self.first_damage.take()) {
+            (1, Some(only)) => only,
+            (count, Some(first)) => ReplayError::NoneReadable {
+                path,
+                count,
+                first: Box::new(first),
+            },
+            (_, None) => ReplayError::Truncated {
+                path,
+                after: After(None),
+            },
         }
     }
 
@@ -488,9 +615,10 @@ impl Reader {
         }
     }
 
-    fn image_error(&self, source: ImageError) -> ReplayError {
+    fn image_error(&self, topic: String, source: ImageError) -> ReplayError {
         ReplayError::Image {
             path: self.path.clone(),
+            topic,
             after: After(self.newest),
             source,
         }
@@ -504,35 +632,11 @@ impl Reader {
     }
 }
 
-/// The message type of a topic, if it is one that can be played.
-pub(crate) fn image_schema(name: &str, encoding: &str) -> Option<ImageSchema> {
-    match (name, encoding) {
-        ("foxglove.RawImage", "protobuf") => Some(ImageSchema::Raw),
-        ("foxglove.CompressedImage", "protobuf") => Some(ImageSchema::Compressed),
-        _ => None,
-    }
-}
-
 /// The number of a frame from its low 32 bits: the next one with these bits after the newest.
 fn full_sequence(newest: Option<u64>, low_bits: u32) -> u64 {
     newest.map_or(u64::from(low_bits), |newest| {
         newest.wrapping_add(u64::from(low_bits.wrapping_sub(newest as u32)))
     })
-}
-
-fn read_summary(path: &Path) -> Result<Option<mcap::Summary>, McapError> {
-    let mut file = File::open(path)?;
-    let mut reader = SummaryReader::new();
-    while let Some(event) = reader.next_event() {
-        match event? {
-            SummaryReadEvent::ReadRequest(n_bytes) => {
-                let n_read = file.read(reader.insert(n_bytes))?;
-                reader.notify_read(n_read);
-            }
-            SummaryReadEvent::SeekRequest(to) => reader.notify_seeked(file.seek(to)?),
-        }
-    }
-    Ok(reader.finish())
 }
 
 #[cfg(test)]

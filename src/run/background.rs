@@ -172,12 +172,7 @@ fn learn(
             _ if passed_over => {}
             Ok(()) if learner.add(&picture) => return Ok(true),
             Ok(()) => status.learning(what, learner.seen(), learner.frames()),
-            Err(error) if info.live => {
-                status.say(&format!("frame {sequence} is passed over: {error}"));
-            }
-            Err(error) => {
-                return Err(error).with_context(|| format!("{}: frame {sequence}", info.name));
-            }
+            Err(error) => status.say(&format!("frame {sequence} is passed over: {error}")),
         }
         if stop.load(Ordering::Relaxed) {
             return Ok(false);

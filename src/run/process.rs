@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
+use crate::frame::DecodeError;
 use crate::json;
 use crate::lines::Lines;
 use crate::notify::Notify;
@@ -48,7 +49,19 @@ pub(super) struct ProcessStage<'a> {
     pub(super) counters: Arc<Counters>,
     /// Every frame that capture will ever send has been received. Otherwise capture waits for a pipe that stays silent.
     pub(super) capture_ended: bool,
+    pub(super) damage: Damage,
 }
+
+/// Frames that no picture could be made of.
+#[derive(Debug, Default)]
+pub(super) struct Damage {
+    pub(super) count: u64,
+    /// Why that was so of the first one.
+    first: Option<anyhow::Error>,
+}
+
+/// Most such frames that are told one by one.
+const TOLD_MAX: u64 = 10;
 
 /// After so many polls without a frame since the stop, capture waits for a pipe that stays silent.
 const SILENT_POLLS: u32 = 3;
@@ -104,6 +117,12 @@ impl ProcessStage<'_> {
         let printed = self.finish_lines(stop);
         self.pass_on();
         self.status.clear();
+        if result.is_ok()
+            && self.books.processed == 0
+            && let (false, Some(error)) = (self.live, self.damage.first.take())
+        {
+            result = Err(error);
+        }
         match result.and(printed) {
             // Whoever read our lines has seen enough.
             Err(error) if is_broken_pipe(&error) => Ok(()),
@@ -146,19 +165,9 @@ impl ProcessStage<'_> {
         };
         let outcome = match self.setup.pipeline.process(&mut slot) {
             Ok(outcome) => outcome,
-            Err(error) if self.live => {
-                self.status.say(&format!(
-                    "frame {} is passed over: {error}",
-                    slot.frame.sequence
-                ));
-                self.pass_over(slot);
-                return Ok(());
-            }
             Err(error) => {
-                let sequence = slot.frame.sequence;
-                self.pass_over(slot);
-                let source = &self.setup.provenance.source;
-                return Err(error).with_context(|| format!("{source}: frame {sequence}"));
+                self.pass_over_damaged(slot, error);
+                return Ok(());
             }
         };
         self.books.processed += 1;
@@ -201,6 +210,25 @@ impl ProcessStage<'_> {
         {
             self.status.say(&message);
         }
+    }
+
+    fn pass_over_damaged(&mut self, slot: Slot, error: DecodeError) {
+        let sequence = slot.frame.sequence;
+        self.damage.count += 1;
+        if self.damage.count <= TOLD_MAX {
+            self.status
+                .say(&format!("frame {sequence} is passed over: {error}"));
+        }
+        if self.damage.count == TOLD_MAX {
+            self.status
+                .say("further such frames are counted at the end only");
+        }
+        if self.damage.first.is_none() {
+            let source = &self.setup.provenance.source;
+            let error = anyhow::Error::new(error);
+            self.damage.first = Some(error.context(format!("{source}: frame {sequence}")));
+        }
+        self.pass_over(slot);
     }
 
     /// Says when the light changes, goes out or comes back.
@@ -411,6 +439,7 @@ mod tests {
             heartbeat: Heartbeat::new(None, scene::FRAME_IMAGE),
             pace: Pace::new(source.info().size, Instant::now()),
             counters: Arc::default(),
+            damage: Damage::default(),
             capture_ended: false,
         };
         let (to_process, frames) = sync_channel(SLOTS);

@@ -5,27 +5,35 @@
 //! others [`PixelFormat::Rgb`]; 16 bits a sample are reduced to 8 and an alpha channel is dropped. Files of a folder may differ in
 //! format but not in size.
 //!
+//! How many of 16 bits are in use, a few pictures of the folder tell, from its first to its last: all are reduced alike.
+//!
+//! A file that cannot be read is passed over, told and counted. It has its number and its moment all the same, as a frame that a
+//! camera lost.
+//!
 //! Deliberately absent: the orientation in a JPEG file's Exif data. A ceiling camera's pictures are wanted as the sensor saw
 //! them, and a folder in which it differs from file to file would be no fixed camera.
+
+pub(crate) mod png;
 
 use std::cmp::Ordering;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-use image::codecs::png::PngEncoder;
-use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, ImageReader};
 use imgproc::Size;
 
-use crate::frame::{DecodeError, Frame, MAX_SIDE, Picture, PixelFormat, decode};
+use crate::frame::{DecodeError, Frame, Picture, PixelFormat, decode};
 use crate::jpeg::{self, JpegError};
 use crate::slot::{Next, SourceInfo};
+use crate::source::damaged::Damaged;
+use crate::source::pictures::png::{Png, PngError};
+use crate::status::tell;
 
 /// Frames per second of a folder when the user states none. Pictures carry no clock, and stamps need one.
 pub const DEFAULT_RATE_HZ: f64 = 30.0;
 
-/// First bytes of every PNG file.
-pub(crate) const PNG_SIGNATURE: &[u8] = b"\x89PNG";
+/// Most pictures of a folder that are looked into to tell how many bits of 16 are in use.
+const DEPTH_SAMPLES: usize = 16;
 
 /// Why a picture file or a folder of them cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -64,13 +72,34 @@ pub enum PictureError {
         /// The file.
         path: PathBuf,
     },
-    /// A damaged PNG file.
-    #[error("{}: damaged PNG file: {reason}", path.display())]
+    /// A PNG file that cannot be read.
+    #[error("{}: {source}", path.display())]
     Png {
         /// The file.
         path: PathBuf,
-        /// What the decoder says.
-        reason: String,
+        /// What is wrong with it.
+        source: PngError,
+    },
+    /// Several files, and not one of them can be read.
+    #[error("{}: none of the {count} pictures in this folder can be read; the first: {first}", path.display())]
+    NoneReadable {
+        /// The folder.
+        path: PathBuf,
+        /// Files in it.
+        count: usize,
+        /// What is wrong with the first.
+        first: Box<PictureError>,
+    },
+    /// A picture of the floor that shows through in part.
+    #[error(
+        "{}: {percent:.1} % of it is fully transparent, so that there is no floor to compare with: save it without transparency; \
+         which part of the picture is looked at, --region says", path.display()
+    )]
+    Transparent {
+        /// The file.
+        path: PathBuf,
+        /// Share of its pixels.
+        percent: f64,
     },
     /// A damaged JPEG file.
     #[error("{}: {source}", path.display())]
@@ -112,27 +141,57 @@ pub struct Pictures {
     files: Vec<PathBuf>,
     /// Number of the next file.
     next: usize,
+    /// Bits in use of samples that have 16.
+    n_bits: Option<u8>,
+    /// It was told that a picture has samples of more bits.
+    told_excess: bool,
+    damaged: Damaged,
 }
 
 impl Pictures {
-    /// Lists a folder and reads its first picture, which sets the size of all. Stamps are counted from 0 at `rate_hz` frames a
-    /// second.
+    /// Lists a folder and reads its first picture that can be read, which sets the size of all. Stamps are counted from 0 at `rate_hz`
+    /// frames a second.
     ///
     /// # Errors
     ///
-    /// [`PictureError`] when there is no picture, the first one cannot be read, or the rate is not above 0.
+    /// [`PictureError`] when there is no picture, none can be read, or the rate is not above 0.
     pub fn open(folder: &Path, rate_hz: f64) -> Result<Self, PictureError> {
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
             return Err(PictureError::Rate { rate_hz });
         }
         let files = list(folder)?;
-        let Some(first) = files.first() else {
+        if files.is_empty() {
             return Err(PictureError::NoPictures {
                 path: folder.to_owned(),
             });
-        };
+        }
         let mut frame = Frame::empty();
-        read_frame(first, &mut frame)?;
+        let mut first_error = None;
+        let is_readable = |path: &PathBuf| match read_frame(path, None, &mut frame) {
+            Ok(_) => true,
+            Err(error) => {
+                first_error.get_or_insert(error);
+                false
+            }
+        };
+        if !files.iter().any(is_readable) {
+            return Err(match (files.len(), first_error) {
+                (count @ 2.., Some(first)) => PictureError::NoneReadable {
+                    path: folder.to_owned(),
+                    count,
+                    first: Box::new(first),
+                },
+                (_, Some(only)) => only,
+                (_, None) => unreachable!("a folder with files has one that can or cannot be read"),
+            });
+        }
+        let n_bits = common_depth(&files);
+        if let Some(bits @ ..16) = n_bits {
+            tell(format_args!(
+                "overcam: {}: the pictures have 16 bits a sample, of which {bits} are in use: they are read as {bits} bits",
+                folder.display()
+            ));
+        }
         Ok(Self {
             info: SourceInfo {
                 name: folder.display().to_string(),
@@ -145,6 +204,9 @@ impl Pictures {
             rate_hz,
             files,
             next: 0,
+            n_bits,
+            told_excess: false,
+            damaged: Damaged::default(),
         })
     }
 
@@ -154,28 +216,67 @@ impl Pictures {
         self.info.clone()
     }
 
-    /// Reads the next picture.
+    /// Bits in use where samples have 16, by the folder's pictures; `None` where they have 8.
+    pub(crate) fn n_bits(&self) -> Option<u8> {
+        self.n_bits
+    }
+
+    /// Files that could not be read so far.
+    #[must_use]
+    pub fn n_damaged(&self) -> u64 {
+        self.damaged.count
+    }
+
+    /// Reads the next picture that can be read.
     ///
     /// # Errors
     ///
-    /// [`PictureError`] when the file cannot be read, is damaged or has another size than the first.
+    /// [`PictureError::Size`] when the picture has another size than the first.
     pub fn next(&mut self, frame: &mut Frame) -> Result<Next, PictureError> {
-        let Some(path) = self.files.get(self.next) else {
-            return Ok(Next::End);
-        };
-        read_frame(path, frame)?;
-        if frame.size != self.info.size {
-            return Err(PictureError::Size {
-                path: path.clone(),
-                expected: self.info.size,
-                found: frame.size,
-            });
+        while let Some(path) = self.files.get(self.next) {
+            let number = self.next;
+            self.next += 1;
+            let exceeds = match read_frame(path, self.n_bits, frame) {
+                Ok(exceeds) => exceeds,
+                Err(error) => {
+                    self.damaged.pass_over(error);
+                    continue;
+                }
+            };
+            if frame.size != self.info.size {
+                return Err(PictureError::Size {
+                    path: path.clone(),
+                    expected: self.info.size,
+                    found: frame.size,
+                });
+            }
+            if exceeds && !self.told_excess {
+                self.told_excess = true;
+                tell(format_args!(
+                    "overcam: {}: it has more bits a sample than the pictures by which their number was told; what is brighter \
+                     than they can be is taken as white",
+                    path.display()
+                ));
+            }
+            frame.sequence = number as u64;
+            frame.stamp_ns = (number as f64 * 1e9 / self.rate_hz).round() as u64;
+            return Ok(Next::Frame);
         }
-        frame.sequence = self.next as u64;
-        frame.stamp_ns = (self.next as f64 * 1e9 / self.rate_hz).round() as u64;
-        self.next += 1;
-        Ok(Next::Frame)
+        Ok(Next::End)
     }
+}
+
+/// Bits in use of the samples of a folder's pictures that have 16, by some of them from the first to the last.
+fn common_depth(files: &[PathBuf]) -> Option<u8> {
+    let n_samples = files.len().min(DEPTH_SAMPLES);
+    let chosen = (0..n_samples).map(|i| &files[i * (files.len() - 1) / (n_samples - 1).max(1)]);
+    let depth = |path: &PathBuf| {
+        let file = fs::read(path).ok()?;
+        // The header says it without decoding.
+        let is_deep = file.starts_with(png::SIGNATURE) && file.get(24) == Some(&16);
+        is_deep.then(|| Png::read(&file).ok()?.n_bits())?
+    };
+    chosen.filter_map(depth).max()
 }
 
 /// Reads and decodes a PNG or JPEG file.
@@ -184,14 +285,55 @@ impl Pictures {
 ///
 /// [`PictureError`] when the file cannot be read or is damaged.
 pub fn read_picture(path: &Path) -> Result<Picture, PictureError> {
+    read_with_alpha(path, None).map(|(picture, _)| picture)
+}
+
+/// Reads and decodes a PNG or JPEG file, and how opaque each pixel is, where the file says so. If samples have 16 bits, `n_bits` of
+/// them are in use; not given, what the file itself tells.
+pub(crate) fn read_with_alpha(
+    path: &Path,
+    n_bits: Option<u8>,
+) -> Result<(Picture, Option<Vec<u8>>), PictureError> {
+    let file = read_file(path)?;
+    if file.starts_with(png::SIGNATURE) {
+        let png = read_png(&file, path)?;
+        return Ok((png_picture(&png, n_bits), png.alpha()));
+    }
     let mut frame = Frame::empty();
-    read_frame(path, &mut frame)?;
+    read_frame(path, n_bits, &mut frame)?;
     let mut picture = Picture::new(frame.size);
     decode(&frame, &mut picture).map_err(|source| PictureError::Decode {
         path: path.to_owned(),
         source,
     })?;
-    Ok(picture)
+    Ok((picture, None))
+}
+
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, PictureError> {
+    fs::read(path).map_err(|source| PictureError::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+pub(crate) fn read_png(file: &[u8], path: &Path) -> Result<Png, PictureError> {
+    Png::read(file).map_err(|source| PictureError::Png {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// The colours of a PNG file. If samples have 16 bits, `n_bits` of them are in use; not given, what the file itself tells.
+pub(crate) fn png_picture(png: &Png, n_bits: Option<u8>) -> Picture {
+    let colours = png.colours(n_bits.or_else(|| png.n_bits()));
+    let n = if png.has_colour { 3 } else { 1 };
+    let plane = |channel| colours.iter().skip(channel).step_by(n).copied().collect();
+    Picture {
+        size: png.size,
+        red: plane(0),
+        green: plane(n / 2),
+        blue: plane(n - 1),
+    }
 }
 
 /// The picture as a PNG file.
@@ -201,30 +343,16 @@ pub fn read_picture(path: &Path) -> Result<Picture, PictureError> {
 /// If the picture is empty or its planes do not have its size.
 #[must_use]
 pub fn write_png(picture: &Picture) -> Vec<u8> {
-    let Size { width, height } = picture.size;
     let channels = picture.red.iter().zip(&picture.green).zip(&picture.blue);
     let interleaved: Vec<u8> = channels
         .flat_map(|((&red, &green), &blue)| [red, green, blue])
         .collect();
-    let mut png = Vec::new();
-    let written = PngEncoder::new(&mut png).write_image(
-        &interleaved,
-        width as u32,
-        height as u32,
-        ExtendedColorType::Rgb8,
-    );
-    if let Err(error) = written {
-        panic!("a picture of {width}x{height} pixels cannot become a PNG file: {error}");
-    }
-    png
+    png::write(picture.size, ::png::ColorType::Rgb, &interleaved, None)
 }
 
-/// Fills format, size and bytes of a frame from a file.
-fn read_frame(path: &Path, frame: &mut Frame) -> Result<(), PictureError> {
-    let file = fs::read(path).map_err(|source| PictureError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+/// Fills format, size and bytes of a frame from a file. True if samples are above what the given number of bits allows.
+fn read_frame(path: &Path, n_bits: Option<u8>, frame: &mut Frame) -> Result<bool, PictureError> {
+    let file = read_file(path)?;
     frame.full_range = true;
     frame.bytes.clear();
     if file.starts_with(&[0xff, 0xd8]) {
@@ -234,38 +362,23 @@ fn read_frame(path: &Path, frame: &mut Frame) -> Result<(), PictureError> {
         })?;
         frame.format = PixelFormat::Jpeg;
         frame.bytes.extend_from_slice(&file);
-        return Ok(());
+        return Ok(false);
     }
-    if !file.starts_with(PNG_SIGNATURE) {
+    if !file.starts_with(png::SIGNATURE) {
         return Err(PictureError::Format {
             path: path.to_owned(),
         });
     }
-    let picture = decode_png(&file).map_err(|error| PictureError::Png {
-        path: path.to_owned(),
-        reason: error.to_string(),
-    })?;
-    frame.size = Size {
-        width: picture.width() as usize,
-        height: picture.height() as usize,
-    };
-    if picture.color().has_color() {
-        frame.format = PixelFormat::Rgb;
-        frame.bytes.extend_from_slice(&picture.into_rgb8());
+    let png = read_png(&file, path)?;
+    let n_bits = n_bits.or_else(|| png.n_bits());
+    frame.size = png.size;
+    frame.format = if png.has_colour {
+        PixelFormat::Rgb
     } else {
-        frame.format = PixelFormat::Grey;
-        frame.bytes.extend_from_slice(&picture.into_luma8());
-    }
-    Ok(())
-}
-
-pub(crate) fn decode_png(file: &[u8]) -> image::ImageResult<DynamicImage> {
-    let mut reader = ImageReader::with_format(io::Cursor::new(file), ImageFormat::Png);
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(MAX_SIDE as u32);
-    limits.max_image_height = Some(MAX_SIDE as u32);
-    reader.limits(limits);
-    reader.decode()
+        PixelFormat::Grey
+    };
+    frame.bytes.extend_from_slice(&png.colours(n_bits));
+    Ok(n_bits.is_some_and(|n_bits| png.exceeds(n_bits)))
 }
 
 /// The folder's picture files in natural order of their names. Hidden files are left out: some systems put a `._img1.png` that is
@@ -330,7 +443,9 @@ fn natural_order(mut a: &[u8], mut b: &[u8]) -> Ordering {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::{GrayImage, ImageBuffer, LumaA, Rgb, RgbImage, Rgba};
+    use image::{
+        DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, LumaA, Rgb, RgbImage, Rgba,
+    };
 
     const SIZE: Size = Size {
         width: 5,
@@ -447,7 +562,7 @@ mod tests {
             .expect("encodes");
         let folder = folder(&[("x.png", png.get_ref())]);
         let mut frame = Frame::empty();
-        read_frame(&folder.path().join("x.png"), &mut frame).expect("read");
+        read_frame(&folder.path().join("x.png"), None, &mut frame).expect("read");
         frame
     }
 
@@ -474,6 +589,137 @@ mod tests {
             (rgb.format, rgb.bytes),
             (PixelFormat::Rgb, vec![0, 100, 255])
         );
+    }
+
+    /// The checksum of a PNG chunk.
+    fn crc32(content: &[u8]) -> u32 {
+        let of_byte = |byte: u32| {
+            (0..8).fold(byte, |crc, _| {
+                (crc >> 1) ^ if crc & 1 == 1 { 0xedb8_8320 } else { 0 }
+            })
+        };
+        let add = |crc: u32, byte: &u8| of_byte((crc ^ u32::from(*byte)) & 255) ^ (crc >> 8);
+        !content.iter().fold(u32::MAX, add)
+    }
+
+    /// A grey picture of 16 bits a sample as a PNG file, which may state the bits that it had before.
+    fn deep(samples: &[u16], stated_bits: Option<u8>) -> Vec<u8> {
+        let mut png = io::Cursor::new(Vec::new());
+        let image: ImageBuffer<Luma<u16>, _> =
+            ImageBuffer::from_raw(samples.len() as u32, 1, samples.to_vec()).expect("size");
+        DynamicImage::from(image)
+            .write_to(&mut png, ImageFormat::Png)
+            .expect("encodes");
+        let mut png = png.into_inner();
+        if let Some(bits) = stated_bits {
+            // Behind the header: the signature's 8 bytes and a chunk of 13.
+            let crc = crc32(&[b's', b'B', b'I', b'T', bits]);
+            let chunk = [&[0, 0, 0, 1], b"sBIT", &[bits][..], &crc.to_be_bytes()].concat();
+            png.splice(33..33, chunk);
+        }
+        png
+    }
+
+    #[test]
+    fn samples_that_use_fewer_bits_are_not_read_as_black() {
+        for (samples, stated, n_bits, read) in [
+            // 10, 12 and 14 bits as they are; what a file states does not change it.
+            (&[0, 511, 1023][..], None, Some(10), &[0, 127, 255][..]),
+            (&[0, 511, 1023], Some(10), Some(10), &[0, 127, 255]),
+            (&[0, 1000, 4095], None, Some(12), &[0, 62, 255]),
+            (&[0, 1000, 4095], Some(12), Some(12), &[0, 62, 255]),
+            // The brightest does not reach the end of the range.
+            (&[0, 300, 700], Some(12), Some(12), &[0, 19, 44]),
+            (&[0, 5001, 16383], None, Some(14), &[0, 78, 255]),
+            // Scaled to 16 bits, as they should be.
+            (&[0, 257 * 9, 257 * 15], None, Some(16), &[0, 9, 15]),
+            (&[0, 64 * 70, 64 * 255], None, Some(16), &[0, 17, 64]),
+            (
+                &[0, 1023 << 6, 511 << 6],
+                Some(10),
+                Some(16),
+                &[0, 255, 127],
+            ),
+            (&[0, 40_000, 65_535], None, Some(16), &[0, 156, 255]),
+        ] {
+            let png = Png::read(&deep(samples, stated)).expect("a PNG file");
+            assert_eq!(png.n_bits(), n_bits, "{samples:?}");
+            assert_eq!(png.colours(png.n_bits()), read, "{samples:?}");
+        }
+        assert_eq!(
+            Png::read(&deep(&[0, 0], None))
+                .expect("a PNG file")
+                .n_bits(),
+            None
+        );
+    }
+
+    #[test]
+    fn all_pictures_of_a_folder_are_reduced_alike() {
+        // 12 bits, of which the first pictures use fewer.
+        let files: Vec<_> = (0..40_u16)
+            .map(|i| (format!("{i}.png"), deep(&[0, 400, 400 + 90 * i], None)))
+            .collect();
+        let files: Vec<_> = files
+            .iter()
+            .map(|(name, png)| (&name[..], &png[..]))
+            .collect();
+        let folder = folder(&files);
+        let mut pictures = Pictures::open(folder.path(), 30.0).expect("opens");
+        assert_eq!(pictures.n_bits(), Some(12));
+        let mut frame = Frame::empty();
+        for i in 0..40 {
+            assert_eq!(pictures.next(&mut frame).expect("read"), Next::Frame);
+            let expected = (400.0 + 90.0 * f64::from(i)) / 4095.0 * 255.0;
+            assert_eq!(frame.bytes, [0, 25, expected.round() as u8], "{i}");
+        }
+    }
+
+    #[test]
+    fn a_damaged_picture_is_passed_over_and_keeps_its_number() {
+        let good = write_png(&picture());
+        let jpeg = jpeg(SIZE);
+        let cut = [&jpeg[..jpeg.len() - 4], &[0xff, 0xd9]].concat();
+        let files = [
+            ("1.png", &good[..good.len() / 2]),
+            ("2.png", &good),
+            ("3.jpg", &cut),
+            ("4.jpg", &jpeg),
+            ("5.png", b"hello"),
+        ];
+        let folder_of = folder(&files);
+        let mut pictures = Pictures::open(folder_of.path(), 10.0).expect("some can be read");
+        assert_eq!(pictures.info().size, SIZE);
+        let mut frame = Frame::empty();
+        for number in [1, 3] {
+            assert_eq!(pictures.next(&mut frame).expect("read"), Next::Frame);
+            assert_eq!(
+                (frame.sequence, frame.stamp_ns),
+                (number, number * 100_000_000)
+            );
+        }
+        assert_eq!(pictures.next(&mut frame).expect("the end"), Next::End);
+        assert_eq!(pictures.n_damaged(), 3);
+
+        let none = folder(&[files[0], files[2], files[4]]);
+        let error = Pictures::open(none.path(), 10.0).expect_err("none can be read");
+        assert!(matches!(error, PictureError::NoneReadable { count: 3, .. }));
+        let line = error.to_string();
+        assert!(line.contains("1.png") && !line.contains('\n'), "{line}");
+    }
+
+    #[test]
+    fn a_png_header_may_not_claim_everything() {
+        let whole = write_png(&picture());
+        for (width, height) in [(100_000_u32, 100_000_u32), (16_384, 16_384), (8_000, 8_000)] {
+            let mut png = whole.clone();
+            png[16..20].copy_from_slice(&width.to_be_bytes());
+            png[20..24].copy_from_slice(&height.to_be_bytes());
+            let crc = crc32(&png[12..29]);
+            png[29..33].copy_from_slice(&crc.to_be_bytes());
+            let error = Png::read(&png).map(|_| ()).expect_err("too large");
+            assert!(matches!(error, PngError::TooLarge { .. }), "{error}");
+        }
     }
 
     #[test]

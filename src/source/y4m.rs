@@ -6,6 +6,10 @@
 //!
 //! Mono is always taken as full range. That is what ffmpeg writes, whichever range its tag states.
 //!
+//! Pixels must be square (tag `A1:1`, or `A0:0`: unknown): in pictures that are wider than what they show, no marker has its shape.
+//! Interlaced frames are refused by their tag. A program that takes both fields of an interlaced source for one frame states no tag;
+//! [`Combing`] finds it by the combs at the edges of what moves, which is told, because a picture alone is no proof.
+//!
 //! A stream must state its frame rate. Time stamps come from nowhere else, and velocities and forecasts made with a guessed
 //! one would be wrong without looking wrong.
 //!
@@ -17,11 +21,16 @@ use std::path::Path;
 
 use imgproc::Size;
 
-use crate::frame::{Frame, MAX_SIDE, PixelFormat};
+use crate::frame::{AREA_MAX, Frame, MAX_SIDE, PixelFormat};
 use crate::slot::{Next, SourceInfo};
+use crate::source::combing::Combing;
+use crate::status::tell;
 
 /// Longest header line that is read, in bytes. ffmpeg's are about 80.
 const MAX_LINE_BYTES: u64 = 1024;
+
+/// Sides of a pixel that differ by no more than one part in so many are equal.
+const ASPECT_STEPS: u64 = 200;
 
 /// Why a Y4M stream cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -65,7 +74,9 @@ pub enum Y4mError {
         tag: String,
     },
     /// The header lacks the width or the height, or they are out of range.
-    #[error("{name}: the Y4M header states {width}x{height} pixels; sides must be 1 to {MAX_SIDE}")]
+    #[error(
+        "{name}: the Y4M header states {width}x{height} pixels; sides must be 1 to {MAX_SIDE}, and no more than {AREA_MAX} in all"
+    )]
     Size {
         /// The stream.
         name: String,
@@ -101,6 +112,27 @@ pub enum Y4mError {
         /// Value of the I tag.
         interlacing: String,
     },
+    /// Pixels that are not square.
+    #[error(
+        "{name}: its pixels are {horizontal}:{vertical} and not square (tag 'A{horizontal}:{vertical}'), so that no marker has \
+         its shape: convert it with ffmpeg -vf scale=iw*sar:ih,setsar=1"
+    )]
+    Aspect {
+        /// The stream.
+        name: String,
+        /// Width of a pixel.
+        horizontal: u32,
+        /// Its height.
+        vertical: u32,
+    },
+    /// An MCAP file on a pipe.
+    #[error(
+        "{name}: an MCAP recording, which cannot be read from a pipe: write it to a file and name that with --device"
+    )]
+    PipedRecording {
+        /// The stream.
+        name: String,
+    },
     /// No frame begins where one should.
     #[error("{name}: frame {frame} does not begin with 'FRAME': the stream is damaged")]
     NotAFrame {
@@ -127,6 +159,8 @@ pub enum Y4mError {
 #[derive(Debug)]
 pub struct Y4m<R> {
     input: R,
+    /// Until it is found or ruled out.
+    combing: Option<Combing>,
     name: String,
     header: Header,
     /// Bytes of a frame's planes.
@@ -185,6 +219,9 @@ impl<R: BufRead> Y4m<R> {
         if line.is_empty() {
             return Err(Y4mError::Empty { name });
         }
+        if line.starts_with(mcap::MAGIC) {
+            return Err(Y4mError::PipedRecording { name });
+        }
         let header = parse_header(&line, &name)?;
         let Size { width, height } = header.size;
         let frame_bytes = header.format.frame_bytes(header.size);
@@ -197,6 +234,7 @@ impl<R: BufRead> Y4m<R> {
         };
         Ok(Self {
             input,
+            combing: Some(Combing::new(header.size)),
             name,
             header,
             frame_bytes,
@@ -267,7 +305,26 @@ impl<R: BufRead> Y4m<R> {
         frame.full_range = self.header.full_range;
         frame.size = self.header.size;
         self.sequence += 1;
+        self.look_for_combing(frame);
         Ok(Next::Frame)
+    }
+
+    fn look_for_combing(&mut self, frame: &Frame) {
+        let Some(combing) = &mut self.combing else {
+            return;
+        };
+        // Luma comes first in all formats that are read.
+        let is_found = combing.add(&frame.bytes[..frame.size.area()]);
+        if is_found {
+            tell(format_args!(
+                "overcam: {}: frame {}: what moves is combed, every other row shows it elsewhere: the frames are interlaced, \
+                 whatever the stream says, and robots that move may not be read: convert it with ffmpeg -vf yadif",
+                self.name, frame.sequence
+            ));
+        }
+        if is_found || combing.is_done() {
+            self.combing = None;
+        }
     }
 }
 
@@ -311,12 +368,7 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
         match letter {
             "W" => size.width = value.parse().map_err(|_| invalid())?,
             "H" => size.height = value.parse().map_err(|_| invalid())?,
-            "F" => {
-                let (numerator, denominator) = value.split_once(':').ok_or_else(invalid)?;
-                let numerator: u32 = numerator.parse().map_err(|_| invalid())?;
-                let denominator: u32 = denominator.parse().map_err(|_| invalid())?;
-                rate = Some((numerator, denominator));
-            }
+            "F" => rate = Some(ratio(value).ok_or_else(invalid)?),
             // p: progressive, ?: unknown.
             "I" if value != "p" && value != "?" => {
                 return Err(Y4mError::Interlaced {
@@ -338,8 +390,18 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
                     }
                 };
             }
+            "A" => {
+                let (horizontal, vertical) = ratio(value).ok_or_else(invalid)?;
+                if !is_square(horizontal, vertical) {
+                    return Err(Y4mError::Aspect {
+                        name: name.to_owned(),
+                        horizontal,
+                        vertical,
+                    });
+                }
+            }
             "X" if value == "COLORRANGE=FULL" => full_range = true,
-            // Aspect ratio, comments, and whatever a later version adds.
+            // Comments, and whatever a later version adds.
             _ => {}
         }
     }
@@ -354,6 +416,18 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
             name: name.to_owned(),
         }),
     }
+}
+
+fn ratio(value: &str) -> Option<(u32, u32)> {
+    let (numerator, denominator) = value.split_once(':')?;
+    Some((numerator.parse().ok()?, denominator.parse().ok()?))
+}
+
+/// Whether pixels of this shape are square, as far as a marker can tell: programs that scale round sizes to whole pixels and then
+/// state what that did. A ratio with a 0 is unknown.
+fn is_square(horizontal: u32, vertical: u32) -> bool {
+    let apart = u64::from(horizontal.abs_diff(vertical));
+    horizontal == 0 || vertical == 0 || apart * ASPECT_STEPS <= u64::from(vertical)
 }
 
 #[cfg(test)]
@@ -448,6 +522,13 @@ mod tests {
     }
 
     #[test]
+    fn square_pixels_and_unknown_ones_are_read() {
+        for tag in ["A1:1", "A0:0", "A128:128", "A0:1", "A1215:1216", "A400:401"] {
+            header(&format!("W4 H4 F1:1 {tag}")).expect(tag);
+        }
+    }
+
+    #[test]
     fn streams_that_cannot_be_used_say_why() {
         for (bytes, part) in [
             (&b""[..], "empty"),
@@ -455,6 +536,15 @@ mod tests {
             (b"YUV4MPEG2X W2 H2 F1:1\n", "not a Y4M stream"),
             (b"YUV4MPEG2 W2 H2 F1:1", "not a Y4M stream"),
             (b"YUV4MPEG2 W2 H2 F1:1 It\n", "yadif"),
+            (b"YUV4MPEG2 W2 H2 F1:1 Ib\n", "yadif"),
+            (b"YUV4MPEG2 W2 H2 F1:1 Im\n", "yadif"),
+            (b"YUV4MPEG2 W2 H2 F1:1 A12:11\n", "setsar=1"),
+            (b"YUV4MPEG2 W2 H2 F1:1 A59:54\n", "setsar=1"),
+            (b"YUV4MPEG2 W2 H2 F1:1 A10:11\n", "setsar=1"),
+            (b"YUV4MPEG2 W2 H2 F1:1 A1\n", "'A1'"),
+            (b"\x89MCAP0\r\n\x01", "from a pipe"),
+            (b"YUV4MPEG2 W100000 H100000 F1:1\n", "100000x100000"),
+            (b"YUV4MPEG2 W16384 H16384 F1:1\n", "16384x16384"),
             (b"YUV4MPEG2 W2 H2 F0:0\n", "no frame rate"),
             (b"YUV4MPEG2 W2 H2\n", "no frame rate"),
             (b"YUV4MPEG2 W2 H2 F25\n", "'F25'"),

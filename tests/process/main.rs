@@ -4,6 +4,7 @@
 //! frames a second, so the tests take few frames from it.
 
 mod arguments;
+mod damaged;
 mod fixture;
 mod floor;
 mod markers;
@@ -12,6 +13,7 @@ mod refusals;
 mod replay;
 mod service;
 mod shells;
+mod sources;
 mod stopping;
 mod subscribers;
 mod terminal;

@@ -96,17 +96,44 @@ fn other_files_of_other_programs_are_refused_with_their_topics() {
     foreign(&path("none.mcap"), ["/log", "/log2"], true);
     let error = play(&path("none.mcap")).1.expect("no images");
     assert_one_line(&error, &path("none.mcap"));
-    assert!(error.to_string().contains("/log, /log2"), "{error}");
+    let topics = "/log (foxglove.Log, protobuf), /log2 (foxglove.Log, protobuf)";
+    assert!(error.to_string().contains(topics), "{error}");
+}
 
+#[test]
+fn no_summary_is_needed_and_none_is_believed() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
     foreign(&path("open.mcap"), ["/log", "/front/image"], false);
-    let error = play(&path("open.mcap")).1.expect("no index");
-    assert!(matches!(error, ReplayError::NoIndex { .. }), "{error}");
+    let (frames, error) = play(&path("open.mcap"));
+    assert_eq!(frames.len(), 2);
+    let error = error.expect("the file has no end");
+    assert!(matches!(error, ReplayError::Truncated { .. }), "{error}");
     let report = recover(&path("open.mcap"), &path("closed.mcap")).expect("an index can be added");
     assert_eq!(
         (report.messages, report.images, report.duration_ns),
         (4, 2, 3)
     );
     assert_eq!(play(&path("closed.mcap")).0.len(), 2);
+
+    // The summary of another file, which has other topics.
+    let summary = |name: &str| {
+        let content = fs::read(path(name)).expect("it can be read");
+        // A footer of 20 bytes, with 9 before it, and the magic bytes; it begins with the summary's place.
+        let footer = content.len() - 8 - 20;
+        let place = content[footer..footer + 8].try_into().expect("eight bytes");
+        (u64::from_le_bytes(place) as usize, content)
+    };
+    foreign(&path("other.mcap"), ["/log", "/log2"], true);
+    let (place, content) = summary("closed.mcap");
+    let (other_place, other) = summary("other.mcap");
+    let mut mixed = [&content[..place], &other[other_place..]].concat();
+    let footer = mixed.len() - 8 - 20;
+    mixed[footer..footer + 8].copy_from_slice(&(place as u64).to_le_bytes());
+    fs::write(path("mixed.mcap"), mixed).expect("it can be written");
+    let (frames, error) = play(&path("mixed.mcap"));
+    assert!(error.is_none(), "{error:?}");
+    assert_eq!(frames.len(), 2);
 }
 
 #[test]

@@ -1,0 +1,171 @@
+//! Interlaced pictures that do not say so: both fields of an interlaced source in one frame, half a frame apart.
+//!
+//! What stands still looks right. At the left and right edges of what moves, every other row is where the thing was half a frame
+//! later, so that rows alternate: a comb. Its teeth are pixels that are much brighter than their neighbours above and below, or much
+//! darker than both, while these two are alike, and so is the next pixel but one below; and only where the picture has changed since the frame before, since a floor may well have a
+//! grating as fine. Noise, textures and JPEG blocks make few of these pixels; a moving edge that is combed makes little else.
+
+use imgproc::Size;
+
+/// Least difference of a row from its neighbours, in grey levels; and the most of these from each other.
+const TOOTH: i32 = 24;
+const ALIKE: i32 = 12;
+/// Least change since the frame before.
+const CHANGE: i32 = 16;
+/// Fewest pixels that changed for a frame to say something.
+const CHANGED_MIN: u32 = 60;
+/// Of these, one in so many is the tooth of a comb if there are combs: of the rows of one field a quarter to a half.
+const TEETH_SHARE: u32 = 8;
+/// Frames with combs that prove it. One may come from a scratch on a tape, or from a cut.
+const PROOF: u32 = 3;
+/// Frames with enough motion after which nothing more is looked for.
+const JUDGED_MAX: u32 = 300;
+
+/// Looks for combs from frame to frame.
+#[derive(Debug)]
+pub(crate) struct Combing {
+    size: Size,
+    before: Vec<u8>,
+    n_judged: u32,
+    n_combed: u32,
+}
+
+impl Combing {
+    pub(crate) fn new(size: Size) -> Self {
+        Self {
+            size,
+            before: Vec::new(),
+            n_judged: 0,
+            n_combed: 0,
+        }
+    }
+
+    /// Takes the luma of a frame; true when it is proven that the frames are combed.
+    ///
+    /// # Panics
+    ///
+    /// When the luma has not the size of all frames.
+    pub(crate) fn add(&mut self, luma: &[u8]) -> bool {
+        assert_eq!(luma.len(), self.size.area(), "a frame has another size");
+        if self.before.len() == luma.len() {
+            let (changed, teeth) = count(&self.before, luma, self.size.width);
+            if changed >= CHANGED_MIN {
+                self.n_judged += 1;
+                self.n_combed += u32::from(teeth * TEETH_SHARE >= changed);
+            }
+        }
+        self.before.clear();
+        self.before.extend_from_slice(luma);
+        // Most of what was judged, too: an odd frame of a long stream proves nothing.
+        self.n_combed >= PROOF && 2 * self.n_combed > self.n_judged
+    }
+
+    /// Whether enough was seen to stop looking.
+    pub(crate) fn is_done(&self) -> bool {
+        self.n_judged >= JUDGED_MAX
+    }
+}
+
+/// Pixels that changed, and those of them that are teeth.
+fn count(before: &[u8], luma: &[u8], width: usize) -> (u32, u32) {
+    let (mut changed, mut teeth) = (0, 0);
+    let n_rows = luma.len() / width;
+    for y in 1..n_rows.saturating_sub(2) {
+        let four = &luma[(y - 1) * width..(y + 3) * width];
+        let (above, rest) = four.split_at(width);
+        let (row, rest) = rest.split_at(width);
+        let (below, next) = rest.split_at(width);
+        let old = &before[y * width..][..width];
+        let neighbours = above.iter().zip(below).zip(next);
+        for ((&pixel, &old), ((&above, &below), &next)) in row.iter().zip(old).zip(neighbours) {
+            let [pixel, old, above, below, next] = [pixel, old, above, below, next].map(i32::from);
+            let has_changed = (pixel - old).abs() >= CHANGE;
+            let (up, down) = (pixel - above, pixel - below);
+            let stands_out = up.min(down) >= TOOTH || up.max(down) <= -TOOTH;
+            let is_alike = (above - below).abs() <= ALIKE && (pixel - next).abs() <= ALIKE;
+            changed += u32::from(has_changed);
+            teeth += u32::from(has_changed && stands_out && is_alike);
+        }
+    }
+    (changed, teeth)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: Size = Size {
+        width: 160,
+        height: 120,
+    };
+
+    /// A floor with a fine grating and noise, and a bright square with a dark bar that moves over it; in every other row it is where
+    /// it is half a frame later, if the picture is interlaced.
+    fn frame(number: i32, speed: f64, interlaced: bool) -> Vec<u8> {
+        let mut state = 12_345_u32.wrapping_add(number as u32);
+        (0..SIZE.area())
+            .map(|i| {
+                let (x, y) = (i % SIZE.width, i / SIZE.width);
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                let noise = (state >> 24) as u8 % 9;
+                let moment = f64::from(number) + if interlaced && y % 2 == 1 { 0.5 } else { 0.0 };
+                let left = 20.0 + speed * moment;
+                let (across, down) = (x as f64 - left, y as f64 - 40.0);
+                let grating = if y > 100 && y % 2 == 0 { 60 } else { 0 };
+                let value = if (0.0..32.0).contains(&across) && (0.0..32.0).contains(&down) {
+                    if (10.0..22.0).contains(&across) {
+                        30
+                    } else {
+                        220
+                    }
+                } else {
+                    100 + grating
+                };
+                value + noise
+            })
+            .collect()
+    }
+
+    fn is_found(speed: f64, interlaced: bool) -> bool {
+        let mut combing = Combing::new(SIZE);
+        (0..30).any(|number| combing.add(&frame(number, speed, interlaced)))
+    }
+
+    #[test]
+    fn what_moves_is_combed_in_interlaced_frames() {
+        for speed in [2.0, 3.0, -3.0, 5.0] {
+            assert!(is_found(speed, true), "{speed} px a frame");
+            assert!(!is_found(speed, false), "{speed} px a frame");
+        }
+        assert!(!is_found(0.0, true));
+    }
+
+    #[test]
+    fn noise_is_no_comb() {
+        let mut combing = Combing::new(SIZE);
+        let mut state = 1_u32;
+        for number in 0..30 {
+            let noise = (0..SIZE.area()).map(|_| {
+                let uniform = [(); 4].map(|()| {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (state >> 24) as u16 % 64
+                });
+                (64 + uniform.iter().sum::<u16>() / 2) as u8
+            });
+            assert!(!combing.add(&noise.collect::<Vec<u8>>()), "frame {number}");
+        }
+    }
+
+    #[test]
+    fn light_that_changes_over_a_grating_is_no_comb() {
+        let mut combing = Combing::new(SIZE);
+        for number in 0..30 {
+            let lamp = if number % 2 == 0 { 20 } else { 0 };
+            let luma: Vec<u8> = frame(0, 0.0, false)
+                .iter()
+                .map(|value| value.saturating_add(lamp))
+                .collect();
+            assert!(!combing.add(&luma), "frame {number}");
+        }
+    }
+}
