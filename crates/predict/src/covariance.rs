@@ -2,6 +2,8 @@
 
 use libm::sqrt;
 
+use crate::vector::{add, scale};
+
 /// Rows of a covariance of (x, y).
 pub(crate) type Covariance = [[f64; 2]; 2];
 
@@ -33,6 +35,35 @@ pub(crate) fn rotated(covariance: &Covariance, direction: [f64; 2]) -> Covarianc
     ])
 }
 
+/// Kalman update of a place: the correction by `innovation`, and what covariance is left; `None` when neither side
+/// has any noise.
+pub(crate) fn kalman_update(
+    forecast: &Covariance,
+    noise: &Covariance,
+    innovation: [f64; 2],
+) -> Option<([f64; 2], Covariance)> {
+    let [[a, b], [_, d]] = [0, 1].map(|i| add(forecast[i], noise[i]));
+    // Both are positive semidefinite, so the determinant of the sum is not negative but for rounding.
+    let determinant = a * d - b * b;
+    if determinant <= 0.0 || !determinant.is_finite() {
+        return None;
+    }
+    let inverse = [[d, -b], [-b, a]].map(|row| scale(row, 1.0 / determinant));
+    let gain = [0, 1].map(|i| {
+        let row: [f64; 2] = forecast[i];
+        [0, 1].map(|j| row[0] * inverse[0][j] + row[1] * inverse[1][j])
+    });
+    let correction = gain.map(|row| row[0] * innovation[0] + row[1] * innovation[1]);
+    // gain * noise equals (1 - gain) * forecast and loses fewer digits.
+    let left = gain.map(|row| [0, 1].map(|j| row[0] * noise[0][j] + row[1] * noise[1][j]));
+    // A determinant next to nothing makes the inverse overflow.
+    let finite = correction
+        .iter()
+        .chain(left.as_flattened())
+        .all(|value| value.is_finite());
+    finite.then(|| (correction, semidefinite(&left)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -59,5 +90,21 @@ mod tests {
         assert_eq!(repaired, [[4.0, 0.0], [0.0, 0.0]]);
         let repaired = semidefinite(&[[f64::NAN, f64::NAN], [0.0, f64::INFINITY]]);
         assert_eq!(repaired, [[0.0, 0.0], [0.0, f64::MAX]]);
+    }
+
+    #[test]
+    fn weighs_by_variance() {
+        let (correction, left) = kalman_update(
+            &[[1.0, 0.0], [0.0, 3.0]],
+            &[[3.0, 0.0], [0.0, 1.0]],
+            [4.0, 4.0],
+        )
+        .expect("noise on both sides");
+        assert_eq!(correction, [1.0, 3.0]);
+        assert_eq!(left, [[0.75, 0.0], [0.0, 0.75]]);
+        assert_eq!(
+            kalman_update(&[[0.0; 2]; 2], &[[0.0; 2]; 2], [1.0, 1.0]),
+            None
+        );
     }
 }

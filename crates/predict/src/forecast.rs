@@ -8,21 +8,43 @@
 //! network says which of the classical forecasts to trust, separately for near and far, so that what it does not know yet costs
 //! little; there is no feeding back, and every moment ahead is asked for directly.
 
-use libm::sqrt;
+pub(crate) mod comparison;
+pub(crate) mod curve;
+pub(crate) mod ellipse;
+pub(crate) mod experts;
+pub(crate) mod horizon;
+pub(crate) mod inputs;
+pub(crate) mod line;
+pub(crate) mod mixture;
+pub(crate) mod motion;
+pub(crate) mod network;
+pub(crate) mod parabola;
+pub(crate) mod past;
+pub(crate) mod sample;
+pub(crate) mod scores;
+pub(crate) mod turn;
 
+use crate::bounds::Walls;
 use crate::covariance::{Covariance, trace};
-use crate::ellipse::{ellipses, on_axes, published};
-use crate::experts::{EXPERTS, Past, Steering, fit};
+use crate::forecast::comparison::{Comparison, Issued};
+use crate::forecast::curve::{Forecast, limited};
+use crate::forecast::ellipse::{ellipses, on_axes, published};
+use crate::forecast::experts::fit;
+use crate::forecast::horizon::Horizons;
+use crate::forecast::inputs::Motions;
+use crate::forecast::line::Line;
+use crate::forecast::mixture::{Evidence, back_to_said, weigh};
+use crate::forecast::motion::Motion;
+use crate::forecast::network::{Descent, Network};
+use crate::forecast::past::Past;
+use crate::forecast::sample::Lesson;
+use crate::forecast::scores::Marks;
+use crate::heading::Steering;
 use crate::history::{History, Sample};
-use crate::horizon::{FARTHEST_S, HORIZONS, Horizons};
-use crate::inputs::Motions;
-use crate::marks::{Comparison, Issued, Marks};
-use crate::mixture::{ByExpert, Evidence, OUTPUTS, back_to_said, weigh};
-use crate::motion::{Line, Motion};
-use crate::network::{Descent, Network};
+use crate::layout::{EXPERTS, HORIZONS, OUTPUTS};
+use crate::limits::FARTHEST_S;
 use crate::observation::Settings;
-use crate::training::Lesson;
-use crate::vector::{add, norm, norm_squared, scale, sub};
+use crate::vector::{add, norm, scale, sub};
 
 /// Samples of the line that tells how much noise a first forecast carries.
 const LINE_SAMPLES: usize = 5;
@@ -37,21 +59,6 @@ const DESCENT: Descent = Descent {
 /// Part of the way back to the start weights for every step of training.
 const PULL: f32 = 2e-4;
 
-/// Lowest and highest coordinates at which anything was seen: nothing has gone beyond.
-pub(crate) type Walls = [[f64; 2]; 2];
-
-/// Nowhere yet.
-pub(crate) const NO_WALLS: Walls = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-
-/// The walls when something was seen here.
-pub(crate) fn pushed_out(walls: &Walls, [x, y]: [f64; 2]) -> Walls {
-    let [low, high] = walls;
-    [
-        [low[0].min(x), low[1].min(y)],
-        [high[0].max(x), high[1].max(y)],
-    ]
-}
-
 /// What learns about one track.
 #[derive(Debug, Clone)]
 pub(crate) struct Forecaster {
@@ -59,25 +66,6 @@ pub(crate) struct Forecaster {
     /// Whether the network learns.
     learns: bool,
     marks: Marks,
-}
-
-/// Where an object will be, counted from its newest sample.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Forecast {
-    horizons: Horizons,
-    /// Longest time ahead that is looked at.
-    longest_s: f64,
-    speed_limit: f64,
-    origin: [f64; 2],
-    motions: [Motion; EXPERTS],
-    shares: ByExpert<f32>,
-    /// Of the newest sample, and by horizon.
-    covariance: Covariance,
-    covariances: [Covariance; HORIZONS],
-    /// Velocity at the newest sample, units a second.
-    pub(crate) velocity: [f64; 2],
-    /// Turn rate of the velocity.
-    pub(crate) turn_rate_rad_s: f64,
 }
 
 /// All that is known at the newest sample.
@@ -275,69 +263,6 @@ fn train(network: &mut Network, comparison: &Comparison<'_>) {
     network.train(&issued.inputs, &issued.answer, &by_outputs, DESCENT);
 }
 
-impl Forecast {
-    pub(crate) const EMPTY: Self = Self {
-        horizons: Horizons::ONE_SECOND,
-        longest_s: 1.0,
-        speed_limit: 0.0,
-        origin: [0.0; 2],
-        motions: [Motion::NONE; EXPERTS],
-        shares: [[0.0; EXPERTS]; HORIZONS],
-        covariance: [[0.0; 2]; 2],
-        covariances: [[[0.0; 2]; 2]; HORIZONS],
-        velocity: [0.0; 2],
-        turn_rate_rad_s: 0.0,
-    };
-
-    /// Longest time ahead that is looked at, in seconds.
-    pub(crate) fn longest_s(&self) -> f64 {
-        self.longest_s
-    }
-
-    /// Place and covariance `ahead_s` seconds after the newest sample. Shares are interpolated between the horizons,
-    /// experts say where they are at this very moment. After the last horizon its shares hold, and standard deviations grow with
-    /// time, until the longest gap.
-    pub(crate) fn at(&self, ahead_s: f64) -> ([f64; 2], Covariance) {
-        let ahead_s = ahead_s.clamp(0.0, self.longest_s);
-        let (index, part) = self.horizons.around(ahead_s);
-        let next = (index + 1).min(HORIZONS - 1);
-        let mut place = [0.0_f32; 2];
-        let shares = self.shares[index].iter().zip(&self.shares[next]);
-        for (motion, (share, later)) in self.motions.iter().zip(shares) {
-            let share = share + part as f32 * (later - share);
-            if share == 0.0 {
-                continue;
-            }
-            let [x, y] = motion.at(ahead_s as f32);
-            place[0] += share * x;
-            place[1] += share * y;
-        }
-        let reach = self.speed_limit * ahead_s;
-        let place = add(self.origin, limited(place.map(f64::from), reach));
-
-        let times_s = &self.horizons.times_s;
-        let covariance = if ahead_s > times_s[HORIZONS - 1] {
-            let growth = ahead_s / times_s[HORIZONS - 1];
-            self.covariances[HORIZONS - 1].map(|row| scale(row, growth * growth))
-        } else if ahead_s <= times_s[0] {
-            let part = ahead_s / times_s[0];
-            interpolated(&self.covariance, &self.covariances[0], part)
-        } else {
-            let part = (ahead_s - times_s[index]) / (times_s[next] - times_s[index]);
-            interpolated(&self.covariances[index], &self.covariances[next], part)
-        };
-        (place, covariance)
-    }
-}
-
-fn interpolated(from: &Covariance, to: &Covariance, part: f64) -> Covariance {
-    let mut covariance = *from;
-    for (row, to) in covariance.iter_mut().zip(to) {
-        *row = add(*row, scale(sub(*to, *row), part));
-    }
-    covariance
-}
-
 /// Variance of a measurement `ahead_s` after the newest sample before any error is known, on each axis: observation
 /// noise as a line carries it forward, the measurement's own, and what the object may do of its own will. Without a
 /// velocity it may go anywhere within its top speed.
@@ -359,16 +284,4 @@ fn expected_variance(
         None => (1.0, 0.5 * settings.top_speed * ahead_s),
     };
     0.5 * trace(observation) * (1.0 + noise_gain) + will * will
-}
-
-/// The vector, shortened to the length `most`; zero if it is not finite.
-fn limited(vector: [f64; 2], most: f64) -> [f64; 2] {
-    let length = sqrt(norm_squared(vector));
-    if !length.is_finite() {
-        [0.0; 2]
-    } else if length > most {
-        scale(vector, most / length)
-    } else {
-        vector
-    }
 }

@@ -4,10 +4,9 @@ use core::f64::consts::PI;
 
 use libm::floor;
 
-use crate::NS_PER_S;
-use crate::experts::Steering;
 use crate::history::Sample;
 use crate::observation::Heading;
+use crate::time::seconds_between;
 
 /// Measurements of the turn rate's line fit.
 pub(crate) const MAX_ANGLES: usize = 5;
@@ -26,6 +25,15 @@ pub(crate) struct HeadingTrack {
     variance: f64,
     rate_rad_s: f64,
     rate_variance: f64,
+}
+
+/// Direction and turn rate that a marker gives, and the directions at the newest places, newest first.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Steering {
+    pub(crate) rate_rad_s: f64,
+    /// The first `len` are known; differences are without jumps of a whole turn.
+    pub(crate) headings_rad: [f64; MAX_ANGLES],
+    pub(crate) len: usize,
 }
 
 impl HeadingTrack {
@@ -112,8 +120,7 @@ impl HeadingTrack {
     }
 
     fn age_s(&self, time_ns: u64) -> f64 {
-        let newest_ns = self.times_ns[self.len - 1];
-        time_ns.saturating_sub(newest_ns) as f64 / NS_PER_S
+        seconds_between(self.times_ns[self.len - 1], time_ns)
     }
 
     /// Slope of the least-squares line through the angles, within ±`most_rad_s`.
@@ -125,7 +132,7 @@ impl HeadingTrack {
         }
         let n = self.len as f64;
         let first_ns = self.times_ns[0];
-        let seconds = |time_ns: u64| (time_ns - first_ns) as f64 / NS_PER_S;
+        let seconds = |time_ns: u64| seconds_between(first_ns, time_ns);
         let points = self.times_ns[..self.len]
             .iter()
             .map(|time_ns| seconds(*time_ns))

@@ -1,6 +1,6 @@
 //! The last places where an object was really seen, in order of time.
 
-use crate::NS_PER_S;
+use crate::time::seconds_between;
 
 /// Samples kept; enough for the longest fit.
 pub(crate) const MAX_SAMPLES: usize = 32;
@@ -20,7 +20,7 @@ impl Sample {
 
     /// Seconds from `earlier` to `self`.
     pub(crate) fn seconds_since(&self, earlier: &Self) -> f64 {
-        self.time_ns.saturating_sub(earlier.time_ns) as f64 / NS_PER_S
+        seconds_between(earlier.time_ns, self.time_ns)
     }
 }
 

@@ -51,40 +51,21 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-mod assign;
+mod bounds;
 mod covariance;
-mod ellipse;
-mod experts;
 mod forecast;
 mod heading;
 mod history;
-mod horizon;
-mod hypotheses;
-mod inputs;
-mod marks;
-mod merge;
-mod mixture;
-mod motion;
-mod network;
+mod layout;
+mod limits;
 mod observation;
-mod track;
+mod time;
 mod tracker;
 pub mod training;
-mod turn;
 mod vector;
 
-pub use horizon::FARTHEST_S;
+pub use forecast::curve::ForecastPoint;
+pub use limits::{FARTHEST_S, FORECAST_SPACING_S, MAX_FORECAST, MAX_OBSERVATIONS, MAX_TRACKS};
 pub use observation::{Heading, Observation, Settings};
-pub use track::{ForecastPoint, Track};
+pub use tracker::track::Track;
 pub use tracker::{Tracker, Update};
-
-/// Most tracks alive at once.
-pub const MAX_TRACKS: usize = 64;
-/// Most observations of one frame that are looked at; the rest is counted in [`Update::overflow`].
-pub const MAX_OBSERVATIONS: usize = 2 * MAX_TRACKS;
-/// Points of a forecast.
-pub const MAX_FORECAST: usize = 20;
-/// Seconds from one point of a forecast to the next.
-pub const FORECAST_SPACING_S: f64 = horizon::FARTHEST_S / MAX_FORECAST as f64;
-
-const NS_PER_S: f64 = 1e9;

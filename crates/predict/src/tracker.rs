@@ -1,13 +1,23 @@
 //! The life of tracks: forecast, assignment, substitution, retirement, birth (section 3.1.1 of the paper).
 
-use crate::assign::assign;
-use crate::forecast::{NO_WALLS, Walls, pushed_out};
-use crate::hypotheses::Hypotheses;
-use crate::merge::{Sighting, find_merged, stands_alone};
+mod assign;
+mod blob;
+mod frame_context;
+mod hypotheses;
+mod merge;
+pub(crate) mod track;
+
+use crate::bounds::{NO_WALLS, Walls, pushed_out};
+use crate::limits::{MAX_OBSERVATIONS, MAX_TRACKS};
 use crate::observation::{Observation, Settings};
-use crate::track::{Now, Track};
+use crate::time::NS_PER_S;
+use crate::tracker::assign::assign;
+use crate::tracker::blob::MergedBlob;
+use crate::tracker::frame_context::Now;
+use crate::tracker::hypotheses::Hypotheses;
+use crate::tracker::merge::{find_merged, stands_alone};
+use crate::tracker::track::Track;
 use crate::vector::{norm, sub};
-use crate::{MAX_OBSERVATIONS, MAX_TRACKS, NS_PER_S};
 
 /// Gate of a track seen in the last frame, in ways at top speed since then. The forecast may be as wrong as twice
 /// the top speed where an object turns back; narrower gates lose objects in measurements, wider ones gain nothing.
@@ -43,6 +53,21 @@ pub struct Tracker<S> {
     /// Markers and numbers of robots that are gone, the longest gone first.
     remembered: [(u32, u64); MAX_TRACKS],
     n_remembered: usize,
+}
+
+/// What a frame shows of a track's object.
+#[derive(Debug, Clone, Copy)]
+enum Sighting<'a> {
+    Missed,
+    Own {
+        index: usize,
+        observation: &'a Observation,
+        /// Of nothing else, and out of the extent of everything else.
+        alone: bool,
+        /// Its marker was read far from where it was expected: it was carried there.
+        carried: bool,
+    },
+    Merged(MergedBlob<'a>),
 }
 
 /// What [`Tracker::update`] did to the frame's observations and the tracks.

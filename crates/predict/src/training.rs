@@ -1,17 +1,17 @@
 //! For the program that makes the start weights: one track's forecaster by itself, what its network is told, and how a
 //! loss goes back into it.
 
-pub use crate::experts::EXPERTS;
-use crate::forecast::{Forecast, Forecaster, NO_WALLS, Walls, pushed_out};
+use crate::bounds::{NO_WALLS, Walls, pushed_out};
+use crate::forecast::Forecaster;
+use crate::forecast::curve::Forecast;
+pub use crate::forecast::mixture::{Evidence, Shares, back_to_said, back_to_sharpness, weigh};
+pub use crate::forecast::network::{Network, STORED_PER_UNIT};
+pub use crate::forecast::sample::Lesson;
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
-pub use crate::horizon::HORIZONS;
-pub use crate::inputs::INPUTS;
-pub use crate::marks::MARKS;
-pub use crate::mixture::{
-    ANCHORS, ByExpert, Evidence, OUTPUTS, ROW, Shares, back_to_said, back_to_sharpness, weigh,
+pub use crate::layout::{
+    ANCHORS, ByExpert, EXPERTS, HIDDEN, HORIZONS, INPUTS, MARKS, OUTPUTS, ROW, WEIGHTS,
 };
-pub use crate::network::{HIDDEN, Network, STORED_PER_UNIT, WEIGHTS};
 use crate::observation::{Heading, Settings};
 
 /// The forecaster of one track that is seen without interruption by anything else.
@@ -23,21 +23,6 @@ pub struct Pupil {
     settings: Settings,
     walls: Walls,
     ahead: Forecast,
-}
-
-/// What one frame can teach.
-#[derive(Debug, Clone)]
-pub struct Lesson {
-    /// What was known.
-    pub evidence: Evidence,
-    /// The horizons.
-    pub times_s: [f64; HORIZONS],
-    /// By horizon and expert, relative to the newest place.
-    pub places: ByExpert<[f32; 2]>,
-    /// Ellipses before the network has a say: along, both, across.
-    pub ellipses: [[f32; 3]; HORIZONS],
-    /// Direction of motion, the ellipses' axis.
-    pub direction: [f32; 2],
 }
 
 impl Pupil {

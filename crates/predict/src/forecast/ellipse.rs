@@ -13,8 +13,9 @@
 use libm::expf;
 
 use crate::covariance::{Covariance, rotated};
-use crate::horizon::{HORIZONS, Horizons};
-use crate::marks::{Comparison, between};
+use crate::forecast::comparison::{Comparison, between};
+use crate::forecast::horizon::Horizons;
+use crate::layout::HORIZONS;
 
 /// 95 % quantile of chi-squared with two degrees of freedom.
 const WITHIN_95: f32 = 5.991;

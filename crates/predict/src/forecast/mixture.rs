@@ -13,19 +13,9 @@
 
 use libm::expf;
 
-use crate::experts::EXPERTS;
-use crate::horizon::HORIZONS;
-use crate::inputs::INPUTS;
-use crate::marks::MARKS;
-use crate::network::{Answer, Network};
+use crate::forecast::network::{Answer, Network};
+use crate::layout::{ANCHOR_AT, ANCHORS, ByExpert, EXPERTS, HORIZONS, INPUTS, MARKS, OUTPUTS, ROW};
 
-/// Horizons that the network answers for.
-pub const ANCHORS: usize = 3;
-pub(crate) const ANCHOR_AT: [usize; ANCHORS] = [0, 4, HORIZONS - 1];
-/// Outputs for an anchor: what it says for each expert, the marks' sharpness, the ellipse's scale.
-pub const ROW: usize = EXPERTS + MARKS + 1;
-/// Outputs of the network.
-pub const OUTPUTS: usize = ANCHORS * ROW;
 /// Most that the network may say for or against an expert: it can be overruled by the marks.
 const MOST_SAID: f32 = 5.0;
 /// Range of the logarithm of a sharpness.
@@ -35,9 +25,6 @@ const MOST_MARK: f32 = 40.0;
 
 /// Logarithm of a share, over the largest, below which it is none: a ten-thousandth.
 const LEAST_LOGIT: f32 = -9.2;
-
-/// By horizon and expert.
-pub type ByExpert<T> = [[T; EXPERTS]; HORIZONS];
 
 /// What is known of a track.
 #[derive(Debug, Clone, Copy)]

@@ -7,7 +7,7 @@
 //!
 //! Cost: tracks x observations, and as much again for every track along the path on which others move on to make room.
 
-use crate::{MAX_OBSERVATIONS, MAX_TRACKS};
+use crate::limits::{MAX_OBSERVATIONS, MAX_TRACKS};
 
 /// What a track may be given: the observations, or nothing, for which each track has a column of its own.
 const COLUMNS: usize = MAX_OBSERVATIONS + MAX_TRACKS;

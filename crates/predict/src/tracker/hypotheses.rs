@@ -7,10 +7,10 @@
 
 use libm::log;
 
+use crate::bounds::{pushed_out, thrown_back};
 use crate::covariance::{Covariance, trace};
-use crate::forecast::{Walls, pushed_out};
 use crate::history::Sample;
-use crate::track::Now;
+use crate::tracker::frame_context::Now;
 use crate::vector::{add, norm, norm_squared, scale, sub};
 
 /// The forecast, the newest step and a wall.
@@ -144,23 +144,10 @@ fn continued([from, to]: [&Sample; 2], ahead_ns: u64, noise: f64) -> ([f64; 2], 
     (moved, noise * (1.0 + gain))
 }
 
-/// Where a thing comes to that would be `beyond` the walls without them.
-fn thrown_back(beyond: [f64; 2], [low, high]: &Walls) -> [f64; 2] {
-    [0, 1].map(|axis: usize| {
-        let c = beyond[axis];
-        if c > high[axis] {
-            2.0 * high[axis] - c
-        } else if c < low[axis] {
-            2.0 * low[axis] - c
-        } else {
-            c
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bounds::Walls;
     use crate::observation::Settings;
 
     const STEP_NS: u64 = 100_000_000;

@@ -9,16 +9,8 @@
 
 use libm::{sqrtf, tanhf};
 
-use crate::experts::EXPERTS;
-use crate::inputs::INPUTS;
-use crate::mixture::{OUTPUTS, ROW};
+use crate::layout::{EXPERTS, HIDDEN, HIDDEN_WEIGHTS, INPUTS, OUTPUTS, ROW, WEIGHTS};
 
-/// Units of the hidden layer.
-pub const HIDDEN: usize = 24;
-/// Number of all weights.
-pub const WEIGHTS: usize = HIDDEN_WEIGHTS + OUTPUT_WEIGHTS;
-const HIDDEN_WEIGHTS: usize = (INPUTS + 1) * HIDDEN;
-const OUTPUT_WEIGHTS: usize = (HIDDEN + 1) * OUTPUTS;
 /// Steps of a stored start weight in one unit.
 pub const STORED_PER_UNIT: f32 = 1024.0;
 

@@ -17,7 +17,7 @@
 
 use libm::{atan2, sincos};
 
-use crate::motion::{Point, weight};
+use crate::forecast::past::{Point, weight};
 use crate::vector::{add, complex_mul, conjugate, norm_squared, scale, sub};
 
 /// Place and velocity at the newest moment, and the turn rate; `None` for fewer than three points or if they do not

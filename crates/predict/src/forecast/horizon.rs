@@ -3,10 +3,9 @@
 
 use libm::{exp2, log2};
 
-/// Farthest forecast in seconds.
-pub const FARTHEST_S: f64 = 2.0;
-/// Moments ahead at which forecasts are marked and weighed.
-pub const HORIZONS: usize = 8;
+use crate::layout::HORIZONS;
+use crate::limits::FARTHEST_S;
+
 /// Shortest first horizon in seconds. Faster cameras see less than a robot's motion from frame to frame.
 const LEAST_STEP_S: f64 = 1.0 / 16.0;
 

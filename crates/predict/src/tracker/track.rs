@@ -23,16 +23,18 @@
 //! apart from the others, the difference between where it was thought to be and where it is says nothing of its motion: a jump like
 //! that of another measured point.
 
-use crate::FORECAST_SPACING_S;
-use crate::MAX_FORECAST;
-use crate::NS_PER_S;
-use crate::covariance::{Covariance, semidefinite};
-use crate::forecast::{Forecast, Forecaster, Walls, pushed_out};
+use crate::bounds::pushed_out;
+use crate::covariance::{Covariance, kalman_update};
+use crate::forecast::Forecaster;
+use crate::forecast::curve::{Forecast, ForecastPoint};
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
-use crate::hypotheses::Hypotheses;
-use crate::merge::{Alone, MergedBlob, Place};
+use crate::limits::{FORECAST_SPACING_S, MAX_FORECAST};
 use crate::observation::{Heading, Observation, Settings};
+use crate::time::{NS_PER_S, seconds_between};
+use crate::tracker::blob::{Alone, MergedBlob, Place};
+use crate::tracker::frame_context::Now;
+use crate::tracker::hypotheses::Hypotheses;
 use crate::vector::{add, scale, sub};
 
 /// Frames closer together than this part of the frame period are not kept apart in the history.
@@ -41,15 +43,6 @@ const LEAST_SPACING_FRAMES: f64 = 0.05;
 /// counted.
 const LONGEST_HEADING_GAP_S: f64 = 1.0;
 const LEAST_HEADING_GAP_FRAMES: f64 = 2.0;
-
-/// The frame that a track lives through.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Now<'a> {
-    /// Its moment on the tracker's clock.
-    pub(crate) ns: u64,
-    pub(crate) walls: Walls,
-    pub(crate) settings: &'a Settings,
-}
 
 /// An object with an identity.
 #[derive(Debug, Clone)]
@@ -84,19 +77,6 @@ pub struct Track {
     history: History,
     headings: HeadingTrack,
     forecaster: Forecaster,
-}
-
-/// Where an object is expected at one moment.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ForecastPoint {
-    /// Seconds after the frame's time stamp.
-    pub dt_s: f64,
-    /// Expected place.
-    pub x: f64,
-    /// See `x`.
-    pub y: f64,
-    /// Covariance of (x, y) as a camera would measure it then, in squared units.
-    pub covariance: [[f64; 2]; 2],
 }
 
 impl Track {
@@ -443,7 +423,8 @@ impl Track {
         noise[0][0] += offset_variance;
         noise[1][1] += offset_variance;
         let innovation = sub([observation.x, observation.y], self.position);
-        if let Some((correction, covariance)) = weigh(&self.covariance, &noise, innovation) {
+        if let Some((correction, covariance)) = kalman_update(&self.covariance, &noise, innovation)
+        {
             self.shift = add(self.shift, correction);
             self.position = add(self.position, correction);
             self.covariance = covariance;
@@ -484,55 +465,8 @@ impl Track {
 
     /// Seconds since the last sample.
     pub(crate) fn unmeasured_s(&self, now_ns: u64) -> f64 {
-        self.history.newest().map_or(0.0, |newest| {
-            now_ns.saturating_sub(newest.time_ns) as f64 / NS_PER_S
-        })
-    }
-}
-
-/// Kalman update of a place: the correction by `innovation`, and what covariance is left; `None` when neither side
-/// has any noise.
-fn weigh(
-    forecast: &Covariance,
-    noise: &Covariance,
-    innovation: [f64; 2],
-) -> Option<([f64; 2], Covariance)> {
-    let [[a, b], [_, d]] = [0, 1].map(|i| add(forecast[i], noise[i]));
-    // Both are positive semidefinite, so the determinant of the sum is not negative but for rounding.
-    let determinant = a * d - b * b;
-    if determinant <= 0.0 || !determinant.is_finite() {
-        return None;
-    }
-    let inverse = [[d, -b], [-b, a]].map(|row| scale(row, 1.0 / determinant));
-    let gain = [0, 1].map(|i| {
-        let row: [f64; 2] = forecast[i];
-        [0, 1].map(|j| row[0] * inverse[0][j] + row[1] * inverse[1][j])
-    });
-    let correction = gain.map(|row| row[0] * innovation[0] + row[1] * innovation[1]);
-    // gain * noise equals (1 - gain) * forecast and loses fewer digits.
-    let left = gain.map(|row| [0, 1].map(|j| row[0] * noise[0][j] + row[1] * noise[1][j]));
-    // A determinant next to nothing makes the inverse overflow.
-    let finite = correction
-        .iter()
-        .chain(left.as_flattened())
-        .all(|value| value.is_finite());
-    finite.then(|| (correction, semidefinite(&left)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn weighs_by_variance() {
-        let (correction, left) = weigh(
-            &[[1.0, 0.0], [0.0, 3.0]],
-            &[[3.0, 0.0], [0.0, 1.0]],
-            [4.0, 4.0],
-        )
-        .expect("noise on both sides");
-        assert_eq!(correction, [1.0, 3.0]);
-        assert_eq!(left, [[0.75, 0.0], [0.0, 0.75]]);
-        assert_eq!(weigh(&[[0.0; 2]; 2], &[[0.0; 2]; 2], [1.0, 1.0]), None);
+        self.history
+            .newest()
+            .map_or(0.0, |newest| seconds_between(newest.time_ns, now_ns))
     }
 }

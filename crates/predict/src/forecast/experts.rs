@@ -5,23 +5,14 @@
 
 use libm::{cos, sin};
 
-use crate::heading::MAX_ANGLES;
-use crate::history::{History, MAX_SAMPLES};
-use crate::motion::{Motion, Point};
+use crate::forecast::motion::Motion;
+use crate::forecast::past::{MIN_TURN_SAMPLES, Past, Point};
+use crate::heading::Steering;
+use crate::layout::EXPERTS;
 use crate::vector::{add, complex_mul, conjugate, scale, sub};
 
-/// Forecasts that are mixed.
-pub const EXPERTS: usize = 13;
-/// Fewest samples that tell a turn from a line.
-pub(crate) const MIN_TURN_SAMPLES: usize = 3;
 /// Fastest turn in radians a sample; beyond it five samples cover half a circle and a fit is ambiguous.
 const MAX_TURN_PER_SAMPLE: f64 = 0.6;
-/// Steps whose median is the usual one: gaps are seldom.
-const USUAL_STEPS: usize = 8;
-/// A fit to n samples looks back n - 1 usual steps times this. So after a gap it holds what has been seen since, as soon as that is
-/// enough: what happened in a gap is not known, and a place before it, far back in time, would tell more of a velocity than all since.
-const STRETCH: f64 = 1.6;
-
 #[derive(Debug, Clone, Copy)]
 enum Fit {
     Rest,
@@ -51,74 +42,6 @@ const FITS: [(Fit, usize); EXPERTS] = [
     (Fit::Steered, 5),
     (Fit::Walled, 5),
 ];
-
-/// The newest samples relative to the newest, newest first.
-pub(crate) struct Past {
-    points: [Point; MAX_SAMPLES],
-    len: usize,
-}
-
-impl Past {
-    pub(crate) fn of(history: &History) -> Self {
-        let mut past = Self {
-            points: [Point {
-                time_s: 0.0,
-                place: [0.0; 2],
-            }; MAX_SAMPLES],
-            len: 0,
-        };
-        let samples = history.samples();
-        if let Some(newest) = samples.last() {
-            for (point, sample) in past.points.iter_mut().zip(samples.iter().rev()) {
-                *point = Point {
-                    time_s: -newest.seconds_since(sample),
-                    place: sub(sample.position, newest.position),
-                };
-                past.len += 1;
-            }
-        }
-        past
-    }
-
-    pub(crate) fn len(&self) -> usize {
-        self.len
-    }
-
-    /// Usual time between two samples; `None` for fewer than two.
-    pub(crate) fn usual_step_s(&self) -> Option<f64> {
-        let n_steps = self.len.saturating_sub(1).min(USUAL_STEPS);
-        let mut steps_s = [0.0; USUAL_STEPS];
-        for (step_s, pair) in steps_s.iter_mut().zip(self.points[..self.len].windows(2)) {
-            *step_s = pair[0].time_s - pair[1].time_s;
-        }
-        let steps_s = &mut steps_s[..n_steps];
-        steps_s.sort_unstable_by(f64::total_cmp);
-        steps_s.get(n_steps.saturating_sub(1) / 2).copied()
-    }
-
-    /// The newest `n` or those there are.
-    pub(crate) fn newest(&self, n: usize) -> &[Point] {
-        &self.points[..self.len.min(n)]
-    }
-
-    /// The samples of the time that `n` of them take when none is missing, at most `n`, and at least the newest `least`, as far
-    /// as there are so many.
-    pub(crate) fn recent(&self, n: usize, least: usize, usual_step_s: f64) -> &[Point] {
-        let newest = self.newest(n);
-        let oldest_s = -STRETCH * usual_step_s * (n - 1) as f64;
-        let n_recent = newest.partition_point(|point| point.time_s >= oldest_s);
-        self.newest(n_recent.max(least).min(n))
-    }
-}
-
-/// Direction and turn rate that a marker gives, and the directions at the newest places, newest first.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Steering {
-    pub(crate) rate_rad_s: f64,
-    /// The first `len` are known; differences are without jumps of a whole turn.
-    pub(crate) headings_rad: [f64; MAX_ANGLES],
-    pub(crate) len: usize,
-}
 
 /// Every expert's motion. `walls`: lowest and highest coordinates at which anything was ever seen, relative to the
 /// newest place. Where an expert lacks what it needs, it says what the line through as many samples says.

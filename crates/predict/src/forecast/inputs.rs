@@ -3,19 +3,15 @@
 
 use libm::{expf, fabs, log, log2, logf, sqrt};
 
-use crate::experts::{EXPERTS, Past};
-use crate::horizon::{HORIZONS, Horizons};
-use crate::marks::Summary;
-use crate::mixture::{ANCHOR_AT, ANCHORS};
-use crate::motion::{Line, Motion, parabola};
+use crate::forecast::horizon::Horizons;
+use crate::forecast::line::Line;
+use crate::forecast::motion::Motion;
+use crate::forecast::parabola::parabola;
+use crate::forecast::past::Past;
+use crate::forecast::scores::Summary;
+use crate::layout::{ANCHOR_AT, EXPERTS, HORIZONS, INPUTS, MOTION, WINDOW};
 use crate::vector::{add, complex_mul, conjugate, direction, norm, norm_squared, scale, sub};
 
-/// Newest samples whose distances from a line through them are told, along and across.
-const WINDOW: usize = 8;
-/// Numbers about the motion.
-const MOTION: usize = 10;
-/// Numbers told.
-pub const INPUTS: usize = EXPERTS * (ANCHORS + 1) + 2 * WINDOW + MOTION + 2 * ANCHORS + 1;
 /// Largest mark told, and its size as an input.
 const MOST_MARK: f32 = 6.0;
 const MARK_SCALE: f32 = 1.0 / 3.0;

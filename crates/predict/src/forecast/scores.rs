@@ -16,18 +16,15 @@
 
 use libm::{logf, sqrtf};
 
-use crate::ellipse::Moments;
-use crate::experts::{EXPERTS, MIN_TURN_SAMPLES};
+use crate::forecast::comparison::{Comparison, Issued, between, length};
+use crate::forecast::ellipse::Moments;
+use crate::forecast::horizon::Horizons;
+use crate::forecast::motion::Motion;
+use crate::forecast::past::MIN_TURN_SAMPLES;
 use crate::history::Sample;
-use crate::horizon::{HORIZONS, Horizons};
-use crate::inputs::INPUTS;
-use crate::mixture::ByExpert;
-use crate::motion::Motion;
-use crate::network::Answer;
+use crate::layout::{ByExpert, EXPERTS, HORIZONS, MARKS};
 use crate::vector::{norm, sub};
 
-/// Marks of an expert at a horizon: the running one, that of the last few comparisons, and that of the newest place.
-pub const MARKS: usize = 3;
 /// Forecasts made this many steps ago or later are all kept, of older ones every [`THINNING`]th.
 const RECENT_STEPS: f64 = 8.5;
 const THINNING: u64 = 4;
@@ -53,26 +50,8 @@ const MIN_SAMPLES: [usize; 2] = [2, 4];
 const GROWTH: f32 = 1.6;
 /// Error below which experts are equally good, as a part of the way of a step, and of the widest gate.
 const EQUAL: [f32; 2] = [3e-5, 1e-8];
-/// Bound of an error's components in units.
-const MOST_ERROR: f32 = 1e18;
 /// Memory of the way of a step, in samples.
 const WAY_MEMORY: f32 = 10.0;
-
-/// One forecast as it was made.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Issued {
-    /// The newest sample then, and how many there were.
-    pub(crate) newest: Sample,
-    pub(crate) n_samples: usize,
-    /// Direction of motion, for the ellipse's axes.
-    pub(crate) direction: [f32; 2],
-    pub(crate) motions: [Motion; EXPERTS],
-    pub(crate) inputs: [f32; INPUTS],
-    pub(crate) answer: Answer,
-    pub(crate) shares: ByExpert<f32>,
-    /// Covariances along, both, across.
-    pub(crate) ellipses: [[f32; 3]; HORIZONS],
-}
 
 /// A forecast that waits for comparison.
 #[derive(Debug, Clone, Copy)]
@@ -83,19 +62,6 @@ struct Waiting {
     compared: bool,
     judged: bool,
     serial: u64,
-}
-
-/// What came of an earlier forecast.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Comparison<'a> {
-    pub(crate) issued: &'a Issued,
-    pub(crate) horizon: usize,
-    /// Place that came, and those forecast by each expert and by the mixture, relative to the newest sample then.
-    pub(crate) came: [f32; 2],
-    pub(crate) places: [[f32; 2]; EXPERTS],
-    pub(crate) mixed: [f32; 2],
-    /// The best expert's usual error at this horizon, not below the least that means anything.
-    pub(crate) usual_error: f32,
 }
 
 /// Running sums of one horizon.
@@ -333,51 +299,12 @@ impl Marks {
 
 impl Waiting {
     const NONE: Self = Self {
-        issued: Issued {
-            newest: Sample::EMPTY,
-            n_samples: 0,
-            direction: [1.0, 0.0],
-            motions: [Motion::NONE; EXPERTS],
-            inputs: [0.0; INPUTS],
-            answer: Answer::NONE,
-            shares: [[0.0; EXPERTS]; HORIZONS],
-            ellipses: [[0.0; 3]; HORIZONS],
-        },
+        issued: Issued::NONE,
         next_horizon: 0,
         compared: false,
         judged: false,
         serial: 0,
     };
-}
-
-impl<'a> Comparison<'a> {
-    fn of(
-        issued: &'a Issued,
-        horizon: usize,
-        age_s: f64,
-        newest: &Sample,
-        usual_error: f32,
-    ) -> Self {
-        let places = issued.motions.map(|motion| motion.at(age_s as f32));
-        let mut mixed = [0.0; 2];
-        for (share, place) in issued.shares[horizon].iter().zip(&places) {
-            mixed[0] += share * place[0];
-            mixed[1] += share * place[1];
-        }
-        Self {
-            issued,
-            horizon,
-            came: sub(newest.position, issued.newest.position).map(|c| c as f32),
-            places,
-            mixed,
-            usual_error,
-        }
-    }
-
-    fn errors(&self) -> [f32; EXPERTS] {
-        self.places
-            .map(|place| length([place[0] - self.came[0], place[1] - self.came[1]]))
-    }
 }
 
 impl Mark {
@@ -393,17 +320,6 @@ impl Mark {
             *sum = *sum * keep + error;
         }
     }
-}
-
-/// From what holds at the first horizon to what holds at the last.
-pub(crate) fn between([first, last]: [f32; 2], horizon: usize) -> f32 {
-    first + (last - first) * (horizon as f32 / (HORIZONS - 1) as f32)
-}
-
-/// Length of an error, within what can be squared.
-fn length(error: [f32; 2]) -> f32 {
-    let [x, y] = error.map(|c| c.clamp(-MOST_ERROR, MOST_ERROR));
-    sqrtf(x * x + y * y)
 }
 
 fn least_of(values: &[f32; EXPERTS]) -> f32 {
@@ -444,7 +360,7 @@ mod tests {
                 motions,
                 shares,
                 ellipses: [[1.0, 0.0, 1.0]; HORIZONS],
-                ..Waiting::NONE.issued
+                ..Issued::NONE
             };
             marks.issue(issued, &horizons);
             before = Some(newest);
@@ -492,7 +408,7 @@ mod tests {
                 newest,
                 n_samples: 9,
                 ellipses: [[1.0, 0.0, 1.0]; HORIZONS],
-                ..Waiting::NONE.issued
+                ..Issued::NONE
             };
             marks.issue(issued, &horizons);
         }
