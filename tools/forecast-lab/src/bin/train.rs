@@ -1,4 +1,4 @@
-//! Makes the start weights of `predict`: `cargo run --release -p forecast_lab --bin train -- crates/predict/src/forecast/start_weights.bin`.
+//! Makes the start weights of `predict`: `cargo run --release -p forecast-lab --bin train -- crates/predict/src/forecast/start_weights.bin`.
 
 use std::process::ExitCode;
 

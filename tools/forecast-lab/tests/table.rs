@@ -1,6 +1,6 @@
 //! The table of generated motions is as it was, and as good as it should be.
 //!
-//! `UPDATE=1 cargo test -p forecast_lab --test table` stores it anew, after a change that was meant to change it.
+//! `UPDATE=1 cargo test -p forecast-lab --test table` stores it anew, after a change that was meant to change it.
 
 use std::fmt::Write;
 use std::path::Path;
