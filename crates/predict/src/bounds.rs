@@ -1,22 +1,22 @@
-//! The bounds of the floor, as far as they are known.
+//! The bounds of the floor, as far as observations have shown them.
 
-/// Lowest and highest coordinates at which anything was seen: nothing has gone beyond.
-pub(crate) type Walls = [[f64; 2]; 2];
+/// Minimum and maximum coordinates observed so far. Nothing is expected beyond them.
+pub(crate) type Bounds = [[f64; 2]; 2];
 
-/// Nowhere yet.
-pub(crate) const NO_WALLS: Walls = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+/// The bounds before the first observation.
+pub(crate) const NO_BOUNDS: Bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
 
-/// The walls when something was seen here.
-pub(crate) fn pushed_out(walls: &Walls, [x, y]: [f64; 2]) -> Walls {
-    let [low, high] = walls;
+/// The bounds extended to include a position.
+pub(crate) fn expanded(bounds: &Bounds, [x, y]: [f64; 2]) -> Bounds {
+    let [low, high] = bounds;
     [
         [low[0].min(x), low[1].min(y)],
         [high[0].max(x), high[1].max(y)],
     ]
 }
 
-/// Where a thing comes to that would be `beyond` the walls without them.
-pub(crate) fn thrown_back(beyond: [f64; 2], [low, high]: &Walls) -> [f64; 2] {
+/// A position `beyond` the bounds, reflected back into them like a ball off a wall.
+pub(crate) fn reflected(beyond: [f64; 2], [low, high]: &Bounds) -> [f64; 2] {
     [0, 1].map(|axis: usize| {
         let c = beyond[axis];
         if c > high[axis] {

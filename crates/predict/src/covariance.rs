@@ -12,19 +12,19 @@ pub(crate) fn trace(covariance: &Covariance) -> f64 {
     covariance[0][0] + covariance[1][1]
 }
 
-/// The nearest of its kind to a matrix that rounding, or a caller, made not quite symmetric and positive semidefinite. What is no
-/// number counts as 0.
+/// The nearest symmetric, positive semidefinite matrix to one that rounding or a caller made
+/// slightly invalid. NaN counts as 0.
 pub(crate) fn semidefinite(matrix: &Covariance) -> Covariance {
     let [[xx, xy], [yx, yy]] = *matrix;
     let number = |value: f64| if value.is_nan() { 0.0 } else { value };
     let [xx, yy] = [xx, yy].map(|variance| number(variance).clamp(0.0, f64::MAX));
-    // The root of each, since the product may overflow.
+    // The root of each factor: their product may overflow.
     let bound = sqrt(xx) * sqrt(yy);
     let off_diagonal = number(0.5 * (xy + yx)).clamp(-bound, bound);
     [[xx, off_diagonal], [off_diagonal, yy]]
 }
 
-/// The covariance given along and across `direction` (a unit vector), along x and y.
+/// Rotates a covariance given along and across `direction` (a unit vector) to the x and y axes.
 pub(crate) fn rotated(covariance: &Covariance, direction: [f64; 2]) -> Covariance {
     let [[along, both], [_, across]] = *covariance;
     let [c, s] = direction;
@@ -35,15 +35,15 @@ pub(crate) fn rotated(covariance: &Covariance, direction: [f64; 2]) -> Covarianc
     ])
 }
 
-/// Kalman update of a place: the correction by `innovation`, and what covariance is left; `None` when neither side
-/// has any noise.
+/// Kalman update of a position: the correction that follows from `innovation`, and the remaining
+/// covariance. `None` if neither side has any noise.
 pub(crate) fn kalman_update(
     forecast: &Covariance,
     noise: &Covariance,
     innovation: [f64; 2],
 ) -> Option<([f64; 2], Covariance)> {
     let [[a, b], [_, d]] = [0, 1].map(|i| add(forecast[i], noise[i]));
-    // Both are positive semidefinite, so the determinant of the sum is not negative but for rounding.
+    // Both are positive semidefinite, so the determinant is negative only through rounding.
     let determinant = a * d - b * b;
     if determinant <= 0.0 || !determinant.is_finite() {
         return None;
@@ -56,7 +56,7 @@ pub(crate) fn kalman_update(
     let correction = gain.map(|row| row[0] * innovation[0] + row[1] * innovation[1]);
     // gain * noise equals (1 - gain) * forecast and loses fewer digits.
     let left = gain.map(|row| [0, 1].map(|j| row[0] * noise[0][j] + row[1] * noise[1][j]));
-    // A determinant next to nothing makes the inverse overflow.
+    // A tiny determinant makes the inverse overflow.
     let finite = correction
         .iter()
         .chain(left.as_flattened())
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn repairs_what_is_no_covariance() {
+    fn repairs_invalid_covariances() {
         let repaired = semidefinite(&[[4.0, 100.0], [0.0, 9.0]]);
         assert_eq!(repaired, [[4.0, 6.0], [6.0, 9.0]]);
         let repaired = semidefinite(&[[4.0, 1.0], [1.0, -1e-200]]);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn weighs_by_variance() {
+    fn kalman_update_weighs_by_variance() {
         let (correction, left) = kalman_update(
             &[[1.0, 0.0], [0.0, 3.0]],
             &[[3.0, 0.0], [0.0, 1.0]],

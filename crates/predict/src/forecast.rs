@@ -1,12 +1,13 @@
-//! One track's forecast: experts (`experts`) weighed by a network (`mixture`) that goes on learning on the track, with an
-//! ellipse for every moment (`ellipse`).
+//! The forecast of one track: a mixture of experts with an error ellipse at every horizon. The
+//! network that weighs the experts keeps learning on the track.
 //!
 //! # Differences from the paper
 //!
-//! Section 3.1.2 lets the network itself say the next position, from the first training on, and feeds that back for positions
-//! farther ahead. So built, it is 98 px wrong 30 frames ahead on a straight line without noise, after 32 samples. Here the
-//! network says which of the classical forecasts to trust, separately for near and far, so that what it does not know yet costs
-//! little; there is no feeding back, and every moment ahead is asked for directly.
+//! In section 3.1.2 the network predicts the next position itself, from the first training step on,
+//! and its output is fed back for later positions. Implemented that way, it is 98 px off 30 frames
+//! ahead on a straight line without noise, after 32 samples. Here the network chooses between
+//! classical forecasts, separately for near and far horizons, so that a lack of training costs
+//! little. Nothing is fed back: every horizon is forecast directly.
 
 pub(crate) mod comparison;
 pub(crate) mod curve;
@@ -24,52 +25,52 @@ pub(crate) mod sample;
 pub(crate) mod scores;
 pub(crate) mod turn;
 
-use crate::bounds::Walls;
+use crate::bounds::Bounds;
 use crate::covariance::{Covariance, trace};
 use crate::forecast::comparison::{Comparison, Issued};
 use crate::forecast::curve::{Forecast, limited};
-use crate::forecast::ellipse::{ellipses, on_axes, published};
+use crate::forecast::ellipse::{ellipses, limited_ellipses, on_axes};
 use crate::forecast::experts::fit;
 use crate::forecast::horizon::Horizons;
-use crate::forecast::inputs::Motions;
+use crate::forecast::inputs::MotionFeatures;
 use crate::forecast::line::Line;
-use crate::forecast::mixture::{Evidence, back_to_said, weigh};
+use crate::forecast::mixture::{Evidence, back_to_logits, gate};
 use crate::forecast::motion::Motion;
-use crate::forecast::network::{Descent, Network};
+use crate::forecast::network::{GradientStep, Network};
 use crate::forecast::past::Past;
-use crate::forecast::sample::Lesson;
-use crate::forecast::scores::Marks;
+use crate::forecast::sample::TrainingSample;
+use crate::forecast::scores::Scores;
 use crate::heading::Steering;
 use crate::history::{History, Sample};
 use crate::layout::{EXPERTS, HORIZONS, OUTPUTS};
-use crate::limits::FARTHEST_S;
+use crate::limits::FORECAST_RANGE_S;
 use crate::observation::Settings;
 use crate::vector::{add, norm, scale, sub};
 
-/// Samples of the line that tells how much noise a first forecast carries.
+/// Number of samples of the line that gives the noise of a first forecast.
 const LINE_SAMPLES: usize = 5;
-/// What moves is able to stop, or to turn as hard, within about this time. As long as nothing else is known of an
-/// object, the standard deviation of its acceleration, on each axis, is its speed divided by this.
+/// A moving object can stop, or turn equally hard, within about this time. Until more is known, the
+/// standard deviation of its acceleration per axis is its speed divided by this.
 const STOPPING_TIME_S: f64 = 1.0;
-/// How the network follows a comparison. Faster learning gains on tracks that last for minutes and loses on short ones.
-const DESCENT: Descent = Descent {
+/// Online training. A higher rate gains on tracks that last for minutes and loses on short ones.
+const GRADIENT_STEP: GradientStep = GradientStep {
     rate: 0.015,
-    most: 1.0,
+    max_norm: 1.0,
 };
-/// Part of the way back to the start weights for every step of training.
-const PULL: f32 = 2e-4;
+/// Part of the way back to the start weights per training step.
+const START_PULL: f32 = 2e-4;
 
-/// What learns about one track.
+/// The learning state of one track.
 #[derive(Debug, Clone)]
 pub(crate) struct Forecaster {
     network: Network,
-    /// Whether the network learns.
+    /// Whether the network is trained online.
     learns: bool,
-    marks: Marks,
+    scores: Scores,
 }
 
-/// All that is known at the newest sample.
-struct Known {
+/// Everything computed at the newest sample before the network is evaluated.
+struct Analysis {
     horizons: Horizons,
     motions: [Motion; EXPERTS],
     /// Direction of motion, a unit vector.
@@ -82,10 +83,11 @@ impl Forecaster {
     pub(crate) const START: Self = Self {
         network: Network::START,
         learns: true,
-        marks: Marks::START,
+        scores: Scores::START,
     };
 
-    /// Learns from the newest sample of `history`: compares the forecasts made before it, and trains the network with them.
+    /// Learns from the newest sample of `history`: compares earlier forecasts with it and trains
+    /// the network on the result.
     pub(crate) fn learn(&mut self, history: &History, settings: &Settings) {
         let Some(newest) = history.newest() else {
             return;
@@ -93,66 +95,68 @@ impl Forecaster {
         let horizons = Horizons::new(settings.frame_period_s);
         let before = history.samples().iter().rev().nth(1);
         let (network, learns, mut n_steps) = (&mut self.network, self.learns, 0.0);
-        self.marks.compare(newest, before, &horizons, |comparison| {
-            if learns {
-                train(network, comparison);
-                n_steps += 1.0;
-            }
-        });
+        self.scores
+            .compare(newest, before, &horizons, |comparison| {
+                if learns {
+                    train(network, comparison);
+                    n_steps += 1.0;
+                }
+            });
         if n_steps > 0.0 {
-            network.pull_back(n_steps * PULL);
+            network.pull_back(n_steps * START_PULL);
         }
     }
 
-    /// Looks ahead from the newest sample, whose covariance is given, and remembers what it said. The sample lies within the walls.
+    /// Computes the forecast from the newest sample, which has the given covariance and lies within
+    /// the bounds, and keeps it for later comparison.
     pub(crate) fn forecast(
         &mut self,
         history: &History,
         steering: Option<&Steering>,
-        walls: &Walls,
+        bounds: &Bounds,
         covariance: &Covariance,
         settings: &Settings,
     ) -> Forecast {
         let Some(newest) = history.newest() else {
             return Forecast::EMPTY;
         };
-        let known = self.known(history, steering, walls, settings);
-        let Known {
+        let analysis = self.analyze(history, steering, bounds, settings);
+        let Analysis {
             horizons,
             motions,
             direction,
             ..
-        } = known;
-        let weighed = weigh(&self.network, &known.evidence);
-        let ellipses = published(
-            self.ellipses(&known, &weighed.spread, covariance, settings),
+        } = analysis;
+        let mixture = gate(&self.network, &analysis.evidence);
+        let ellipses = limited_ellipses(
+            self.ellipses(&analysis, &mixture.log_scale, covariance, settings),
             &horizons,
-            self.marks.fastest / horizons.step_s as f32,
+            self.scores.max_step / horizons.step_s as f32,
         );
         let issued = Issued {
             newest: *newest,
             n_samples: history.samples().len(),
             direction: direction.map(|c| c as f32),
             motions,
-            inputs: known.evidence.inputs,
-            answer: weighed.answer,
-            shares: weighed.shares,
+            inputs: analysis.evidence.inputs,
+            activations: mixture.activations,
+            shares: mixture.shares,
             ellipses,
         };
-        self.marks.issue(issued, &horizons);
+        self.scores.issue(issued, &horizons);
         let mut forecast = Forecast {
             horizons,
-            longest_s: FARTHEST_S + settings.longest_gap_s(),
+            max_ahead_s: FORECAST_RANGE_S + settings.max_gap_s(),
             speed_limit: settings.speed_limit(),
             origin: newest.position,
             motions,
-            shares: weighed.shares,
+            shares: mixture.shares,
             covariance: *covariance,
             covariances: ellipses.map(|ellipse| on_axes(ellipse, direction)),
             velocity: [0.0; 2],
             turn_rate_rad_s: 0.0,
         };
-        for (motion, share) in motions.iter().zip(weighed.shares[0]) {
+        for (motion, share) in motions.iter().zip(mixture.shares[0]) {
             let share = f64::from(share);
             forecast.velocity = add(forecast.velocity, scale(motion.velocity(), share));
             forecast.turn_rate_rad_s += share * motion.turn_rate_rad_s();
@@ -161,13 +165,15 @@ impl Forecaster {
         forecast
     }
 
-    /// Tells that the samples were moved to another point of the body: earlier forecasts can no longer be compared.
-    pub(crate) fn measured_elsewhere(&mut self) {
-        self.marks.withdraw();
+    /// Drops forecasts that wait for comparison. Call this when the samples were moved to another
+    /// reference point of the object.
+    pub(crate) fn discard_pending(&mut self) {
+        self.scores.discard_pending();
     }
 
-    /// A track with another network, which stays as it is: it would be pulled to the stored start weights.
-    pub(crate) fn with(network: Network) -> Self {
+    /// A forecaster with another network, which is not trained: training would pull it towards the
+    /// stored start weights.
+    pub(crate) fn frozen(network: Network) -> Self {
         Self {
             network,
             learns: false,
@@ -175,48 +181,49 @@ impl Forecaster {
         }
     }
 
-    /// What the newest sample can teach, for samples without noise of their own.
-    pub(crate) fn lesson(
+    /// The training sample of the newest frame, for samples without noise of their own.
+    pub(crate) fn sample(
         &mut self,
         history: &History,
         steering: Option<&Steering>,
-        walls: &Walls,
+        bounds: &Bounds,
         settings: &Settings,
-    ) -> Lesson {
-        let known = self.known(history, steering, walls, settings);
-        let times_s = known.horizons.times_s;
+    ) -> TrainingSample {
+        let analysis = self.analyze(history, steering, bounds, settings);
+        let times_s = analysis.horizons.times_s;
         let exact = [[0.0; 2]; 2];
-        Lesson {
-            evidence: known.evidence,
+        TrainingSample {
+            evidence: analysis.evidence,
             times_s,
-            places: times_s.map(|time_s| known.motions.map(|motion| motion.at(time_s as f32))),
-            ellipses: self.ellipses(&known, &[0.0; HORIZONS], &exact, settings),
-            direction: known.direction.map(|c| c as f32),
+            positions: times_s
+                .map(|time_s| analysis.motions.map(|motion| motion.at(time_s as f32))),
+            ellipses: self.ellipses(&analysis, &[0.0; HORIZONS], &exact, settings),
+            direction: analysis.direction.map(|c| c as f32),
         }
     }
 
-    fn known(
+    fn analyze(
         &mut self,
         history: &History,
         steering: Option<&Steering>,
-        walls: &Walls,
+        bounds: &Bounds,
         settings: &Settings,
-    ) -> Known {
+    ) -> Analysis {
         let horizons = Horizons::new(settings.frame_period_s);
         let past = Past::of(history);
         let newest = history.newest().unwrap_or(&Sample::EMPTY);
-        let walls = walls.map(|corner| sub(corner, newest.position));
-        let motions = fit(&past, steering, walls);
+        let bounds = bounds.map(|corner| sub(corner, newest.position));
+        let motions = fit(&past, steering, bounds);
         let reach = settings.speed_limit() * settings.frame_period_s;
-        let summary = self.marks.summary(&motions, reach);
-        let moved = Motions::of(&past, &horizons);
-        Known {
+        let summary = self.scores.summary(&motions, reach);
+        let features = MotionFeatures::of(&past, &horizons);
+        Analysis {
             horizons,
             motions,
-            direction: moved.direction,
+            direction: features.direction,
             evidence: Evidence {
-                inputs: moved.inputs(&summary, &horizons, &motions),
-                marks: summary.marks,
+                inputs: features.inputs(&summary, &horizons, &motions),
+                scores: summary.scores,
             },
             line: Line::fit(past.newest(LINE_SAMPLES)),
         }
@@ -224,19 +231,23 @@ impl Forecaster {
 
     fn ellipses(
         &self,
-        known: &Known,
-        said: &[f32; HORIZONS],
+        analysis: &Analysis,
+        log_scales: &[f32; HORIZONS],
         covariance: &Covariance,
         settings: &Settings,
     ) -> [[f32; 3]; HORIZONS] {
-        ellipses(&self.marks.moments, &known.horizons, said, |ahead_s| {
-            expected_variance(covariance, known.line.as_ref(), ahead_s, settings)
-        })
+        ellipses(
+            &self.scores.moments,
+            &analysis.horizons,
+            log_scales,
+            |ahead_s| expected_variance(covariance, analysis.line.as_ref(), ahead_s, settings),
+        )
     }
 }
 
-/// One step of backpropagation on an earlier forecast and what came of it. Loss: ln(1 + e²/s²), e the mixture's error and s
-/// the best expert's usual one; beyond s, a miss pulls the less the larger it is.
+/// One step of backpropagation on an earlier forecast. The loss is ln(1 + e²/s²), where e is the
+/// error of the mixture and s the typical error of the best expert. Beyond s, the gradient falls
+/// with the error.
 fn train(network: &mut Network, comparison: &Comparison<'_>) {
     let Comparison {
         issued,
@@ -244,35 +255,41 @@ fn train(network: &mut Network, comparison: &Comparison<'_>) {
         mixed,
         ..
     } = *comparison;
-    let error = [0, 1].map(|axis| mixed[axis] - comparison.came[axis]);
-    let usual = comparison.usual_error * comparison.usual_error;
-    let bound = usual + error[0] * error[0] + error[1] * error[1];
-    let by_place = error.map(|error| 2.0 * error / bound);
+    let error = [0, 1].map(|axis| mixed[axis] - comparison.measured[axis]);
+    let typical = comparison.typical_error * comparison.typical_error;
+    let bound = typical + error[0] * error[0] + error[1] * error[1];
+    let by_position = error.map(|error| 2.0 * error / bound);
     let mut by_logits = [0.0; EXPERTS];
-    for ((by_logit, share), place) in by_logits
+    for ((by_logit, share), position) in by_logits
         .iter_mut()
         .zip(&issued.shares[horizon])
-        .zip(&comparison.places)
+        .zip(&comparison.positions)
     {
-        let [x, y] = [0, 1].map(|axis| place[axis] - mixed[axis]);
-        *by_logit = share * (by_place[0] * x + by_place[1] * y);
+        let [x, y] = [0, 1].map(|axis| position[axis] - mixed[axis]);
+        *by_logit = share * (by_position[0] * x + by_position[1] * y);
     }
-    // The answer is that of the moment, not of the weights as they are by now: they change little within two seconds.
+    // These are the activations at the time of the forecast. The weights change little within two
+    // seconds.
     let mut by_outputs = [0.0; OUTPUTS];
-    back_to_said(&issued.answer, horizon, &by_logits, &mut by_outputs);
-    network.train(&issued.inputs, &issued.answer, &by_outputs, DESCENT);
+    back_to_logits(&issued.activations, horizon, &by_logits, &mut by_outputs);
+    network.train(
+        &issued.inputs,
+        &issued.activations,
+        &by_outputs,
+        GRADIENT_STEP,
+    );
 }
 
-/// Variance of a measurement `ahead_s` after the newest sample before any error is known, on each axis: observation
-/// noise as a line carries it forward, the measurement's own, and what the object may do of its own will. Without a
-/// velocity it may go anywhere within its top speed.
+/// Variance per axis of a measurement `ahead_s` after the newest sample, used until errors are
+/// known: the noise of the samples extrapolated along a line, the noise of the measurement, and the
+/// acceleration of the object. Without a velocity, the object may go anywhere within its top speed.
 fn expected_variance(
     observation: &Covariance,
     line: Option<&Line>,
     ahead_s: f64,
     settings: &Settings,
 ) -> f64 {
-    let (noise_gain, will) = match line {
+    let (noise_gain, manoeuvre) = match line {
         Some(line) => {
             let speed = norm(line.velocity).min(settings.speed_limit());
             let acceleration = speed / STOPPING_TIME_S;
@@ -283,5 +300,5 @@ fn expected_variance(
         }
         None => (1.0, 0.5 * settings.top_speed * ahead_s),
     };
-    0.5 * trace(observation) * (1.0 + noise_gain) + will * will
+    0.5 * trace(observation) * (1.0 + noise_gain) + manoeuvre * manoeuvre
 }

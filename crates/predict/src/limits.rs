@@ -1,4 +1,4 @@
-//! Capacities, and how far forecasts reach.
+//! Capacities, and the range of a forecast.
 
 /// Maximum number of tracks alive at once.
 pub const MAX_TRACKS: usize = 64;
@@ -7,7 +7,7 @@ pub const MAX_TRACKS: usize = 64;
 pub const MAX_OBSERVATIONS: usize = 2 * MAX_TRACKS;
 /// Number of points in a forecast.
 pub const MAX_FORECAST: usize = 20;
-/// Farthest forecast in seconds.
-pub const FARTHEST_S: f64 = 2.0;
+/// Range of a forecast in seconds.
+pub const FORECAST_RANGE_S: f64 = 2.0;
 /// Seconds between two points of a forecast.
-pub const FORECAST_SPACING_S: f64 = FARTHEST_S / MAX_FORECAST as f64;
+pub const FORECAST_SPACING_S: f64 = FORECAST_RANGE_S / MAX_FORECAST as f64;

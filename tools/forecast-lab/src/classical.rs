@@ -1,44 +1,44 @@
-//! The predictors that everybody knows, to be measured against.
+//! Classical predictors as a baseline.
 //!
-//! Filters count in frames and in units in which the scene's typical speed is `TYPICAL_WAY` a frame, so that one tuning
-//! serves pixels and metres.
+//! Filters use frames and a unit of length in which the typical speed of the scene is
+//! `TYPICAL_STEP` per frame, so that one tuning serves pixels and metres.
 
 use nalgebra::{SMatrix, SVector};
 
-/// A predictor of one object's places.
+/// Predicts the positions of one object.
 pub trait Predictor {
-    /// Takes a sample; moments are in seconds and rise.
-    fn see(&mut self, time_s: f64, place: [f64; 2]);
-    /// Place `ahead_s` after the newest sample, and its covariance from those that have one.
+    /// Adds a sample. Times are in seconds and increase.
+    fn observe(&mut self, time_s: f64, position: [f64; 2]);
+    /// Position `ahead_s` after the newest sample, and its covariance if the predictor has one.
     fn at(&self, ahead_s: f64) -> ([f64; 2], Option<[[f64; 2]; 2]>);
 }
 
-/// What the filters are told of a scene.
+/// What the filters know about a scene.
 #[derive(Debug, Clone, Copy)]
 pub struct Scale {
     /// Nominal time between two samples in seconds.
     pub step_s: f64,
-    /// Typical way of a step, in units.
-    pub way: f64,
+    /// Typical distance between two samples, in units.
+    pub step_length: f64,
     /// Standard deviation of a sample, in units.
     pub sigma: f64,
 }
 
-/// Way of a frame in the filters' units.
-const TYPICAL_WAY: f64 = 5.0;
+/// Distance per frame in the filters' unit.
+const TYPICAL_STEP: f64 = 5.0;
 
 impl Scale {
     fn units(&self) -> f64 {
-        TYPICAL_WAY / self.way.max(1e-12)
+        TYPICAL_STEP / self.step_length.max(1e-12)
     }
 
-    /// Variance of a sample in the filters' units, not below what a camera can measure.
+    /// Variance of a sample in the filters' unit, not below what a camera can measure.
     fn variance(&self) -> f64 {
         (self.sigma * self.units()).max(0.02).powi(2)
     }
 }
 
-/// Last samples, and a least-squares polynomial through them.
+/// A least-squares polynomial through the newest samples.
 pub struct Polynomial {
     degree: usize,
     window: usize,
@@ -46,25 +46,25 @@ pub struct Polynomial {
 }
 
 impl Polynomial {
-    /// The last place.
+    /// The newest position.
     #[must_use]
     pub fn hold() -> Self {
         Self::new(0, 1)
     }
 
-    /// The velocity between the last two places.
+    /// The velocity between the two newest positions.
     #[must_use]
     pub fn cv() -> Self {
         Self::new(1, 2)
     }
 
-    /// The line through the last five places.
+    /// A line through the five newest positions.
     #[must_use]
     pub fn line5() -> Self {
         Self::new(1, 5)
     }
 
-    /// The parabola through the last eight places.
+    /// A parabola through the eight newest positions.
     #[must_use]
     pub fn parabola8() -> Self {
         Self::new(2, 8)
@@ -80,11 +80,11 @@ impl Polynomial {
 }
 
 impl Predictor for Polynomial {
-    fn see(&mut self, time_s: f64, place: [f64; 2]) {
+    fn observe(&mut self, time_s: f64, position: [f64; 2]) {
         if self.samples.len() == self.window {
             self.samples.remove(0);
         }
-        self.samples.push((time_s, place));
+        self.samples.push((time_s, position));
     }
 
     fn at(&self, ahead_s: f64) -> ([f64; 2], Option<[[f64; 2]; 2]>) {
@@ -99,13 +99,13 @@ impl Predictor for Polynomial {
         };
         let mut normal = SMatrix::<f64, 3, 3>::zeros();
         let mut right = SMatrix::<f64, 3, 2>::zeros();
-        for (time_s, place) in &self.samples {
+        for (time_s, position) in &self.samples {
             let row = powers(time_s - newest_s);
             normal += row * row.transpose();
             for axis in 0..2 {
                 right
                     .column_mut(axis)
-                    .axpy(place[axis] - newest[axis], &row, 1.0);
+                    .axpy(position[axis] - newest[axis], &row, 1.0);
             }
         }
         for i in degree + 1..3 {
@@ -122,7 +122,7 @@ impl Predictor for Polynomial {
 type State = SVector<f64, 7>;
 type Square = SMatrix<f64, 7, 7>;
 
-/// A motion that a filter may assume.
+/// A motion model of a filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mode {
     /// Constant velocity.
@@ -133,10 +133,11 @@ enum Mode {
     Acceleration,
 }
 
-/// Kalman filters over (x, y, vx, vy, ax, ay, turn rate), one or several that interact (Blom and Bar-Shalom's IMM).
+/// One or several interacting Kalman filters over (x, y, vx, vy, ax, ay, turn rate) (Blom and
+/// Bar-Shalom's IMM).
 pub struct Filters {
     modes: Vec<(Mode, f64)>,
-    /// Variance that the turn rate gains in a frame.
+    /// Process noise of the turn rate: variance per frame.
     turn_noise: f64,
     /// Probability of staying in a mode for a frame.
     stay: f64,
@@ -147,13 +148,13 @@ pub struct Filters {
 }
 
 impl Filters {
-    /// Kalman filter of constant velocity.
+    /// A Kalman filter with constant velocity.
     #[must_use]
     pub fn kalman_cv(scale: Scale) -> Self {
         Self::new(vec![(Mode::Velocity, KALMAN_NOISE)], 0.0, 1.0, scale)
     }
 
-    /// Constant velocity, turn and acceleration, interacting.
+    /// Interacting filters with constant velocity, turn rate and acceleration.
     #[must_use]
     pub fn imm(scale: Scale) -> Self {
         let modes = vec![
@@ -177,10 +178,10 @@ impl Filters {
         }
     }
 
-    fn start(&mut self, place: [f64; 2]) {
+    fn start(&mut self, position: [f64; 2]) {
         let r = self.scale.variance();
         let mut state = State::zeros();
-        (state[0], state[1]) = (place[0], place[1]);
+        (state[0], state[1]) = (position[0], position[1]);
         self.states = self
             .modes
             .iter()
@@ -198,7 +199,7 @@ impl Filters {
             .collect();
     }
 
-    /// Every filter starts the frame from a mixture of all, by the probabilities of a change.
+    /// Mixes the states of all filters by the transition probabilities.
     fn mix(&mut self) {
         let n = self.modes.len();
         if n == 1 {
@@ -216,8 +217,8 @@ impl Filters {
             }
             let mut covariance = Square::zeros();
             for (from, (x, p)) in before.iter().enumerate() {
-                let apart = x - state;
-                covariance += (p + apart * apart.transpose()) * (weight(from) / total);
+                let deviation = x - state;
+                covariance += (p + deviation * deviation.transpose()) * (weight(from) / total);
             }
             let clear: &[usize] = match self.modes[to].0 {
                 Mode::Velocity => &[4, 5, 6],
@@ -282,17 +283,18 @@ impl Filters {
     }
 }
 
-/// Variances of acceleration (of its change in the last mode) and turn rate a frame, and the probability of staying in a mode.
+/// Process noise of the acceleration (of its derivative in the last mode) and of the turn rate per
+/// frame, and the probability of staying in a mode.
 const KALMAN_NOISE: f64 = 0.3;
 const IMM_NOISE: [f64; 3] = [1e-4, 1e-2, 1e-4];
 const IMM_TURN_NOISE: f64 = 1e-4;
 const IMM_STAY: f64 = 0.97;
 
 impl Predictor for Filters {
-    fn see(&mut self, time_s: f64, place: [f64; 2]) {
-        let place = place.map(|c| c * self.scale.units());
+    fn observe(&mut self, time_s: f64, position: [f64; 2]) {
+        let position = position.map(|c| c * self.scale.units());
         let Some(last_s) = self.last_s.replace(time_s) else {
-            self.start(place);
+            self.start(position);
             return;
         };
         let frames = (time_s - last_s) / self.scale.step_s;
@@ -303,7 +305,7 @@ impl Predictor for Filters {
             let (state, covariance) = self.states[mode];
             let (mut state, mut covariance) = self.predict(mode, &state, &covariance, frames);
             let columns = covariance.fixed_columns::<2>(0).into_owned();
-            let innovation = SVector::<f64, 2>::new(place[0] - state[0], place[1] - state[1]);
+            let innovation = SVector::<f64, 2>::new(position[0] - state[0], position[1] - state[1]);
             let s = covariance.fixed_view::<2, 2>(0, 0).into_owned()
                 + SMatrix::<f64, 2, 2>::identity() * r;
             if let Some(inverse) = s.try_inverse() {
@@ -359,7 +361,7 @@ impl Predictor for Filters {
     }
 }
 
-/// State after so many frames, and its derivative by the state before.
+/// State after a number of frames, and its Jacobian.
 fn step(mode: Mode, x: &State, t: f64) -> (State, Square) {
     let mut next = *x;
     let mut jacobian = Square::identity();
@@ -383,7 +385,8 @@ fn step(mode: Mode, x: &State, t: f64) -> (State, Square) {
             let (vx, vy, w) = (x[2], x[3], x[6]);
             let angle = w * t;
             let (sine, cosine) = angle.sin_cos();
-            // Way along and across for a unit of velocity, and their derivatives by the turn rate.
+            // Displacement along and across for unit velocity, and their derivatives by the turn
+            // rate.
             let (s, c, ds, dc) = if angle.abs() < 1e-4 {
                 (t, 0.5 * t * angle, -t * t * angle / 3.0, 0.5 * t * t)
             } else {
@@ -414,117 +417,4 @@ fn step(mode: Mode, x: &State, t: f64) -> (State, Square) {
         }
     }
     (next, jacobian)
-}
-
-/// The paper's network taken literally (section 3.1.2): the last four positions in, the next one out, twenty passes of
-/// backpropagation over all samples with every frame, fed back on itself for several steps.
-pub struct PaperNetwork {
-    step_s: f64,
-    places: Vec<[f64; 2]>,
-    hidden: Vec<Vec<f64>>,
-    output: Vec<Vec<f64>>,
-    span: [f64; 2],
-    start: [f64; 2],
-}
-
-const PAPER_INPUTS: usize = 4;
-const PAPER_HIDDEN: usize = 8;
-const PAPER_PASSES: usize = 20;
-const PAPER_SAMPLES: usize = 32;
-const PAPER_RATE: f64 = 0.1;
-
-impl PaperNetwork {
-    /// `low` and `high` are the corners of the floor, which its positions are parts of.
-    #[must_use]
-    pub fn new(step_s: f64, low: [f64; 2], high: [f64; 2]) -> Self {
-        let mut random = crate::random::Random::new(1);
-        let mut layer = |rows: usize, columns: usize| -> Vec<Vec<f64>> {
-            (0..rows)
-                .map(|_| (0..=columns).map(|_| random.between(-0.5, 0.5)).collect())
-                .collect()
-        };
-        Self {
-            step_s,
-            places: Vec::new(),
-            hidden: layer(PAPER_HIDDEN, 2 * PAPER_INPUTS),
-            output: layer(2, PAPER_HIDDEN),
-            span: [0, 1].map(|axis| (high[axis] - low[axis]).max(1e-9)),
-            start: low,
-        }
-    }
-
-    fn answer(&self, window: &[[f64; 2]]) -> (Vec<f64>, [f64; 2]) {
-        let inputs = window.as_flattened();
-        let hidden: Vec<f64> = self
-            .hidden
-            .iter()
-            .map(|row| {
-                let sum: f64 = row.iter().zip(inputs).map(|(w, x)| w * x).sum();
-                (sum + row[inputs.len()]).tanh()
-            })
-            .collect();
-        let output = [0, 1].map(|axis| {
-            let row = &self.output[axis];
-            row.iter().zip(&hidden).map(|(w, x)| w * x).sum::<f64>() + row[PAPER_HIDDEN]
-        });
-        (hidden, output)
-    }
-
-    fn train(&mut self, window: &[[f64; 2]], target: [f64; 2]) {
-        let (hidden, output) = self.answer(window);
-        let error = [output[0] - target[0], output[1] - target[1]];
-        for (unit, value) in hidden.iter().enumerate() {
-            let back: f64 = (0..2)
-                .map(|axis| error[axis] * self.output[axis][unit])
-                .sum();
-            let slope = PAPER_RATE * back * (1.0 - value * value);
-            let row = &mut self.hidden[unit];
-            for (weight, input) in row.iter_mut().zip(window.as_flattened()) {
-                *weight -= slope * input;
-            }
-            row[2 * PAPER_INPUTS] -= slope;
-        }
-        for (axis, error) in error.into_iter().enumerate() {
-            for (weight, value) in self.output[axis].iter_mut().zip(&hidden) {
-                *weight -= PAPER_RATE * error * value;
-            }
-            self.output[axis][PAPER_HIDDEN] -= PAPER_RATE * error;
-        }
-    }
-}
-
-impl Predictor for PaperNetwork {
-    fn see(&mut self, _time_s: f64, place: [f64; 2]) {
-        let place = [0, 1].map(|axis| (place[axis] - self.start[axis]) / self.span[axis]);
-        if self.places.len() == PAPER_SAMPLES {
-            self.places.remove(0);
-        }
-        self.places.push(place);
-        for _ in 0..PAPER_PASSES {
-            for next in PAPER_INPUTS..self.places.len() {
-                let window: Vec<_> = self.places[next - PAPER_INPUTS..next].to_vec();
-                let target = self.places[next];
-                self.train(&window, target);
-            }
-        }
-    }
-
-    fn at(&self, ahead_s: f64) -> ([f64; 2], Option<[[f64; 2]; 2]>) {
-        let Some(newest) = self.places.last() else {
-            return ([f64::NAN; 2], None);
-        };
-        let mut place = *newest;
-        if self.places.len() >= PAPER_INPUTS {
-            let mut window = self.places[self.places.len() - PAPER_INPUTS..].to_vec();
-            for _ in 0..(ahead_s / self.step_s).round() as usize {
-                place = self.answer(&window).1;
-                window.remove(0);
-                window.push(place);
-            }
-        }
-        (
-            [0, 1].map(|axis| self.start[axis] + place[axis] * self.span[axis]),
-            None,
-        )
-    }
 }

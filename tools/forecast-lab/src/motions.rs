@@ -1,40 +1,40 @@
-//! Motions with exact truth: the kinds of the stored table, and the wider family that the start weights are made from.
-//! Lengths are in pixels, times in seconds.
+//! Motions with exact truth: the kinds in the stored table, and the wider family that the start
+//! weights are trained on. Lengths are in pixels, times in seconds.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::random::Random;
 
-/// Steps of integration in a frame.
+/// Integration steps per frame.
 const SUBSTEPS: usize = 8;
-/// Floor of the bouncing motions.
+/// Size of the floor for bouncing motions.
 const FLOOR: [f64; 2] = [640.0, 480.0];
 
-/// Kinds of motion of the table.
+/// The kinds of motion in the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Stays in place.
+    /// At rest.
     Rest,
     /// A straight line.
     Straight,
     /// A circle.
     Circle,
-    /// Steers like a car, to another angle now and then.
+    /// Steers like a car, with a new steering angle from time to time.
     Car,
-    /// Stops and goes on, a little turned.
+    /// Stops and continues in a slightly different direction.
     StopAndGo,
-    /// Swings about a line.
+    /// Oscillates about a line.
     Slalom,
-    /// A straight line thrown back by the walls of a floor.
+    /// A straight line reflected at the walls of the floor.
     Bounce,
-    /// Its heading walks randomly.
+    /// The heading is a random walk.
     RandomWalk,
-    /// Round a rectangle, turning on the spot at the corners.
+    /// Along a rectangle, turning on the spot at the corners.
     Patrol,
 }
 
 impl Kind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 9] = [
         Self::Rest,
         Self::Straight,
@@ -47,7 +47,7 @@ impl Kind {
         Self::Patrol,
     ];
 
-    /// A run of `n` frames, true places.
+    /// The true path of a run of `n` frames.
     #[must_use]
     pub fn path(self, seed: u64, n: usize, step_s: f64) -> Path {
         let mut random = Random::new(seed * 31 + self as u64);
@@ -62,7 +62,7 @@ impl Kind {
         let corner_s = random.between(0.3, 0.6);
         let brake = random.between(80.0, 220.0);
         let mut body = Body {
-            place: [random.between(100.0, 540.0), random.between(100.0, 380.0)],
+            position: [random.between(100.0, 540.0), random.between(100.0, 380.0)],
             heading: random.between(-PI, PI),
         };
         let (mut speed, mut going) = (cruise, true);
@@ -96,8 +96,8 @@ impl Kind {
                             change_s = t + random.between(0.8, 2.5);
                         }
                     }
-                    let wanted = if going { cruise } else { 0.0 };
-                    speed += (wanted - speed).clamp(-brake * dt, brake * dt);
+                    let target_speed = if going { cruise } else { 0.0 };
+                    speed += (target_speed - speed).clamp(-brake * dt, brake * dt);
                 }
                 Self::Slalom => {
                     body.heading += swing * phase_rad_s * (phase_rad_s * t + phase).cos() * dt;
@@ -117,58 +117,58 @@ impl Kind {
                     }
                 }
             }
-            body.go(speed * dt);
+            body.advance(speed * dt);
             if self == Self::Bounce {
                 body.bounce();
             }
-            body.place
+            body.position
         })
     }
 }
 
 struct Body {
-    place: [f64; 2],
+    position: [f64; 2],
     heading: f64,
 }
 
 impl Body {
-    fn go(&mut self, way: f64) {
-        self.place[0] += way * self.heading.cos();
-        self.place[1] += way * self.heading.sin();
+    fn advance(&mut self, distance: f64) {
+        self.position[0] += distance * self.heading.cos();
+        self.position[1] += distance * self.heading.sin();
     }
 
-    /// Off the walls of the floor, at the angle of incidence.
+    /// Reflects the heading at the walls of the floor.
     fn bounce(&mut self) {
         let [vx, vy] = [self.heading.cos(), self.heading.sin()];
-        if (self.place[0] < 0.0 && vx < 0.0) || (self.place[0] > FLOOR[0] && vx > 0.0) {
+        if (self.position[0] < 0.0 && vx < 0.0) || (self.position[0] > FLOOR[0] && vx > 0.0) {
             self.heading = PI - self.heading;
         }
-        if (self.place[1] < 0.0 && vy < 0.0) || (self.place[1] > FLOOR[1] && vy > 0.0) {
+        if (self.position[1] < 0.0 && vy < 0.0) || (self.position[1] > FLOOR[1] && vy > 0.0) {
             self.heading = -self.heading;
         }
     }
 }
 
-/// True places, finely enough to ask for any moment.
+/// True positions, dense enough to interpolate.
 #[derive(Debug, Clone)]
 pub struct Path {
     fine: Vec<[f64; 2]>,
-    fine_s: f64,
+    substep_s: f64,
 }
 
 impl Path {
     fn integrate(n: usize, step_s: f64, mut next: impl FnMut(f64, f64) -> [f64; 2]) -> Self {
-        let fine_s = step_s / SUBSTEPS as f64;
+        let substep_s = step_s / SUBSTEPS as f64;
         let fine = (0..n * SUBSTEPS)
-            .map(|i| next(i as f64 * fine_s, fine_s))
+            .map(|i| next(i as f64 * substep_s, substep_s))
             .collect();
-        Self { fine, fine_s }
+        Self { fine, substep_s }
     }
 
-    /// Place at a moment, `None` after the end.
+    /// Position at a time. `None` after the end.
     #[must_use]
     pub fn at(&self, time_s: f64) -> Option<[f64; 2]> {
-        let at = time_s / self.fine_s;
+        let at = time_s / self.substep_s;
         let index = (at + 1e-9) as usize;
         let part = (at - index as f64).max(0.0);
         let from = self.fine.get(index)?;
@@ -177,16 +177,16 @@ impl Path {
     }
 }
 
-/// A quantity that changes with time in one of the ways that things on a floor change speed and direction.
+/// A random process for a speed or a turn rate.
 enum Process {
     Nothing,
     Constant(f64),
-    /// Returns to zero and is pushed away from it again (Ornstein and Uhlenbeck).
+    /// Mean-reverting noise (Ornstein and Uhlenbeck).
     Wandering {
         value: f64,
         memory_s: f64,
     },
-    /// Steps, with a limited slope.
+    /// Steps with a limited slope.
     Stepping {
         value: f64,
         target: f64,
@@ -267,7 +267,7 @@ impl Process {
     }
 }
 
-/// Index drawn with the given weights.
+/// A random index with the given weights.
 fn drawn(weights: &[f64], random: &mut Random) -> usize {
     let mut left = random.uniform() * weights.iter().sum::<f64>();
     for (i, weight) in weights.iter().enumerate() {
@@ -279,32 +279,32 @@ fn drawn(weights: &[f64], random: &mut Random) -> usize {
     weights.len() - 1
 }
 
-/// One track to learn from: truth, and what a camera would have seen of it.
+/// A generated track for training: the truth, and the measurements of a camera.
 #[derive(Debug, Clone)]
 pub struct Example {
     /// The truth.
     pub path: Path,
     /// Nominal time between two frames.
     pub step_s: f64,
-    /// Moment and place of every sighting.
-    pub seen: Vec<(f64, [f64; 2])>,
-    /// Directions at the sightings, where a marker gives them.
+    /// Time and position of every measurement.
+    pub samples: Vec<(f64, [f64; 2])>,
+    /// Heading at every measurement, if the object has a marker.
     pub headings: Option<Vec<f64>>,
     /// Standard deviation of the noise.
     pub sigma: f64,
 }
 
-/// The wide family: speed and turn rate each follow a process of some kind, with stops, jumps of direction, walls, noise
-/// of several kinds and gaps.
+/// Draws a motion from the wide family. Speed and turn rate follow random processes, with stops,
+/// sudden turns, walls, noise of several kinds and gaps.
 #[must_use]
 pub fn example(seed: u64, n: usize) -> Example {
     let random = &mut Random::new(seed ^ 0x5eed);
     let rate =
         [15.0, 30.0, 60.0, 10.0, 5.0, 2.5][drawn(&[0.33, 0.17, 0.04, 0.08, 0.08, 0.30], random)];
     let step_s: f64 = 1.0 / rate;
-    // What a slow camera sees passes through its picture within a few dozen frames.
+    // An object crosses the picture of a slow camera within a few dozen frames.
     let n = if rate < 8.0 { n / 3 } else { n };
-    // What a slow camera is pointed at moves slowly for its picture, too.
+    // Slow cameras observe slow motion.
     let slow = if rate < 8.0 {
         random.between(1.0, 3.0)
     } else {
@@ -331,21 +331,21 @@ pub fn example(seed: u64, n: usize) -> Example {
         0.0
     };
     let walls = random.chance(0.15);
-    let shaken = if random.chance(0.05) {
+    let shake = if random.chance(0.05) {
         random.ratio(2.0, 30.0)
     } else {
         0.0
     };
-    // Feet: the velocity itself wanders about the one that is meant.
-    let strays = if random.chance(0.25) {
+    // Pedestrians: the velocity drifts about the intended one.
+    let drift_speed = if random.chance(0.25) {
         typical * random.ratio(0.03, 0.4)
     } else {
         0.0
     };
-    let stray_s = random.ratio(0.4, 4.0);
-    let mut stray = [random.normal(), random.normal()];
+    let drift_memory_s = random.ratio(0.4, 4.0);
+    let mut drift = [random.normal(), random.normal()];
     let mut body = Body {
-        place: [random.between(60.0, 580.0), random.between(60.0, 420.0)],
+        position: [random.between(60.0, 580.0), random.between(60.0, 420.0)],
         heading: random.between(-PI, PI),
     };
     let (mut pace, mut going, mut moving) = (1.0_f64, 1.0_f64, true);
@@ -367,42 +367,42 @@ pub fn example(seed: u64, n: usize) -> Example {
                 random.between(0.5, 1.5) * stop_s
             };
         }
-        let wanted = if moving || !stops { 1.0 } else { 0.0 };
-        going += (wanted - going).clamp(-brake * dt, brake * dt);
+        let target_speed = if moving || !stops { 1.0 } else { 0.0 };
+        going += (target_speed - going).clamp(-brake * dt, brake * dt);
         body.heading += turn * dt;
         if random.chance(jumps_per_s * dt) {
             body.heading += random.between(-PI, PI);
         }
         if !parked {
-            body.go(typical * pace * going * dt);
-            for axis in &mut body.place {
-                *axis += shaken * random.normal() * dt.sqrt();
+            body.advance(typical * pace * going * dt);
+            for axis in &mut body.position {
+                *axis += shake * random.normal() * dt.sqrt();
             }
-            if strays > 0.0 {
-                let keep = (-dt / stray_s).exp();
-                for (axis, stray) in body.place.iter_mut().zip(&mut stray) {
-                    *stray = keep * *stray + (1.0 - keep * keep).sqrt() * random.normal();
-                    *axis += strays * *stray * dt;
+            if drift_speed > 0.0 {
+                let keep = (-dt / drift_memory_s).exp();
+                for (axis, drift) in body.position.iter_mut().zip(&mut drift) {
+                    *drift = keep * *drift + (1.0 - keep * keep).sqrt() * random.normal();
+                    *axis += drift_speed * *drift * dt;
                 }
             }
             if walls {
                 body.bounce();
             }
         }
-        body.place
+        body.position
     });
     let sigma = if random.chance(0.12) {
         0.0
     } else {
         random.ratio(0.03, 1.6)
     };
-    // Part of the noise of a real camera is not new in every frame.
-    let lasting = if random.chance(0.3) {
+    // Part of the noise of a real camera is correlated from frame to frame.
+    let correlation = if random.chance(0.3) {
         random.between(0.3, 0.97)
     } else {
         0.0
     };
-    let share = if lasting > 0.0 {
+    let share = if correlation > 0.0 {
         random.between(0.3, 1.0)
     } else {
         0.0
@@ -416,15 +416,15 @@ pub fn example(seed: u64, n: usize) -> Example {
     } else {
         [0.0; 3]
     };
-    let whole = random.chance(0.08);
-    // Now and then something else is taken for the object, somewhere within the way of a few frames.
-    let mistaken = if random.chance(0.2) { 0.015 } else { 0.0 };
+    let rounded = random.chance(0.08);
+    // Outliers: sometimes another object within a few frames' distance is taken for this one.
+    let outlier_rate = if random.chance(0.2) { 0.015 } else { 0.0 };
     let mut offset = [random.normal(), random.normal()];
     let gaps = random.chance(0.35);
     let losses = if random.chance(0.15) { 0.1 } else { 0.0 };
     let uneven = random.chance(0.2);
-    let mut seen = Vec::with_capacity(n);
-    let mut read = Vec::with_capacity(n);
+    let mut samples = Vec::with_capacity(n);
+    let mut read_headings = Vec::with_capacity(n);
     let mut hidden = 0;
     for (frame, heading) in headings.iter().enumerate() {
         let mut time_s = frame as f64 * step_s;
@@ -433,7 +433,7 @@ pub fn example(seed: u64, n: usize) -> Example {
         }
         let fresh = [random.normal(), random.normal()];
         offset = [0, 1].map(|axis| {
-            lasting * offset[axis] + (1.0 - lasting * lasting).sqrt() * random.normal()
+            correlation * offset[axis] + (1.0 - correlation * correlation).sqrt() * random.normal()
         });
         if gaps && hidden == 0 && frame > 6 && random.chance(0.03) {
             hidden = 1 + random.below(10);
@@ -445,7 +445,7 @@ pub fn example(seed: u64, n: usize) -> Example {
         if frame > 3 && random.chance(losses) {
             continue;
         }
-        let Some(place) = path.at(time_s) else {
+        let Some(position) = path.at(time_s) else {
             continue;
         };
         let swing = [
@@ -457,26 +457,26 @@ pub fn example(seed: u64, n: usize) -> Example {
             sway[0] * (c * swing[0] - s * swing[1]),
             sway[0] * (s * swing[0] + c * swing[1]),
         ];
-        let mut place = [0, 1].map(|axis| {
-            place[axis]
+        let mut position = [0, 1].map(|axis| {
+            position[axis]
                 + sway[axis]
                 + sigma * (share.sqrt() * offset[axis] + (1.0 - share).sqrt() * fresh[axis])
         });
-        if random.chance(mistaken) {
+        if random.chance(outlier_rate) {
             let reach = 4.0 * typical * step_s + 4.0 * sigma;
-            place = place.map(|c| c + random.between(-reach, reach));
+            position = position.map(|c| c + random.between(-reach, reach));
         }
-        if whole {
-            place = place.map(f64::round);
+        if rounded {
+            position = position.map(f64::round);
         }
-        seen.push((time_s, place));
-        read.push(heading + 0.004 * random.normal());
+        samples.push((time_s, position));
+        read_headings.push(heading + 0.004 * random.normal());
     }
-    let headings = random.chance(0.3).then_some(read);
+    let headings = random.chance(0.3).then_some(read_headings);
     Example {
         path,
         step_s,
-        seen,
+        samples,
         headings,
         sigma,
     }

@@ -1,11 +1,11 @@
-//! Numbers that look random and are the same on every machine.
+//! Pseudo-random numbers, the same on every machine.
 
 /// SplitMix64.
 #[derive(Debug, Clone)]
 pub struct Random(u64);
 
 impl Random {
-    /// A sequence of its own for every seed.
+    /// An independent sequence for every seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         let mut random = Self(seed.wrapping_mul(0xd134_2543_de82_ef95));
@@ -13,7 +13,7 @@ impl Random {
         random
     }
 
-    /// Evenly distributed in [0, 1).
+    /// Uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -22,14 +22,14 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Evenly distributed in [least, most).
-    pub fn between(&mut self, least: f64, most: f64) -> f64 {
-        least + (most - least) * self.uniform()
+    /// Uniform in [min, max).
+    pub fn between(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * self.uniform()
     }
 
-    /// Evenly distributed in [least, most) on a scale of ratios.
-    pub fn ratio(&mut self, least: f64, most: f64) -> f64 {
-        self.between(least.ln(), most.ln()).exp()
+    /// Log-uniform in [min, max).
+    pub fn ratio(&mut self, min: f64, max: f64) -> f64 {
+        self.between(min.ln(), max.ln()).exp()
     }
 
     /// True with a probability.
@@ -42,7 +42,7 @@ impl Random {
         if self.chance(0.5) { 1.0 } else { -1.0 }
     }
 
-    /// Whole number below `n`.
+    /// Uniform integer below `n`.
     pub fn below(&mut self, n: usize) -> usize {
         ((self.uniform() * n as f64) as usize).min(n - 1)
     }
@@ -52,7 +52,7 @@ impl Random {
         -mean * (1.0 - self.uniform()).ln()
     }
 
-    /// Normally distributed, variance 1 (Box and Muller).
+    /// Standard normal (Box and Muller).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()

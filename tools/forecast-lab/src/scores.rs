@@ -1,21 +1,22 @@
-//! Errors of forecasts by predictor and by time ahead.
+//! Forecast errors by predictor and time ahead.
 
 use predict::{Heading, Observation, Settings, Track, Tracker};
 
-use crate::classical::{Filters, PaperNetwork, Polynomial, Predictor, Scale};
+use crate::classical::{Filters, Polynomial, Predictor, Scale};
+use crate::paper::PaperNetwork;
 
-/// One place of one object.
+/// A measured position of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Seconds, from any moment.
+    /// Seconds since any epoch.
     pub time_s: f64,
     /// In any unit.
-    pub place: [f64; 2],
-    /// Direction of its marker, where there is one, in radians.
+    pub position: [f64; 2],
+    /// Heading of its marker in radians, if it has one.
     pub heading_rad: Option<f64>,
 }
 
-/// The predictors of the scoreboard, ours last.
+/// The predictors. The last one is this project's.
 pub const PREDICTORS: [&str; 8] = [
     "hold",
     "cv",
@@ -26,15 +27,15 @@ pub const PREDICTORS: [&str; 8] = [
     "paper",
     "overcam",
 ];
-/// Index of the predictor that this project is about.
+/// Index of this project's predictor.
 pub const OVERCAM: usize = PREDICTORS.len() - 1;
-/// Index of the least-squares line through five places.
+/// Index of the least-squares line through five positions.
 pub const LINE5: usize = 2;
-/// Index of the paper's own network, by far the slowest.
+/// Index of the paper's network, by far the slowest.
 pub const PAPER: usize = 6;
 /// First sample, from 0, at which forecasts are scored.
 const FIRST_SCORED: usize = 7;
-/// First sample from which the ellipse is expected to hold.
+/// First sample at which ellipses are scored.
 const FIRST_COVERED: usize = 15;
 
 /// Errors of one predictor at one time ahead.
@@ -42,20 +43,20 @@ const FIRST_COVERED: usize = 15;
 pub struct Tally {
     /// Distances between forecast and truth.
     pub errors: Vec<f64>,
-    /// Forecasts with an ellipse, and those of them in whose 95 % ellipse the measured place was.
+    /// Number of forecasts with an ellipse, and number of measurements inside the 95 % ellipse.
     pub with_ellipse: usize,
     /// See `with_ellipse`.
     pub inside: usize,
 }
 
 impl Tally {
-    /// Mean error; no number without forecasts.
+    /// Mean error. NaN without forecasts.
     #[must_use]
     pub fn mean(&self) -> f64 {
         self.errors.iter().sum::<f64>() / self.errors.len() as f64
     }
 
-    /// Median error.
+    /// Median error. NaN without forecasts.
     #[must_use]
     pub fn median(&self) -> f64 {
         let mut sorted = self.errors.clone();
@@ -67,14 +68,14 @@ impl Tally {
         0.5 * (sorted[(n - 1) / 2] + sorted[n / 2])
     }
 
-    /// Part of what came that lay in the 95 % ellipse, where there was one.
+    /// Share of measurements inside the 95 % ellipse, if there was one.
     #[must_use]
     pub fn coverage(&self) -> Option<f64> {
         (self.with_ellipse > 0).then(|| self.inside as f64 / self.with_ellipse as f64)
     }
 }
 
-/// What every predictor missed by.
+/// The errors of all predictors.
 #[derive(Debug, Clone)]
 pub struct Board {
     /// Numbers of samples ahead.
@@ -83,19 +84,19 @@ pub struct Board {
     pub tallies: Vec<Vec<Tally>>,
 }
 
-/// What is known of a scene beforehand.
+/// Prior knowledge of a scene.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene {
-    /// Sizes of steps and noise.
+    /// Scale of steps and noise.
     pub scale: Scale,
-    /// Lowest and highest coordinates.
+    /// Minimum and maximum coordinates.
     pub low: [f64; 2],
     /// See `low`.
     pub high: [f64; 2],
 }
 
 impl Board {
-    /// Nothing scored yet, for so many samples ahead.
+    /// An empty board for these numbers of samples ahead.
     #[must_use]
     pub fn new(steps: &[usize]) -> Self {
         Self {
@@ -104,12 +105,13 @@ impl Board {
         }
     }
 
-    /// Scores predictors, by their indices, on one object's track. `truth` is where it really was, or the samples again where nobody knows better.
+    /// Scores predictors, given by index, on the track of one object. `truth` holds the true
+    /// positions, or the samples if the truth is unknown.
     pub fn add(&mut self, samples: &[Sample], truth: &[[f64; 2]], scene: &Scene, which: &[usize]) {
         for predictor in which {
-            let mut made = Contestant::new(*predictor, scene, samples);
+            let mut contestant = Contestant::new(*predictor, scene, samples);
             for (i, sample) in samples.iter().enumerate() {
-                made.take(sample);
+                contestant.observe(sample);
                 if i < FIRST_SCORED {
                     continue;
                 }
@@ -117,18 +119,19 @@ impl Board {
                     let Some(then) = samples.get(i + steps) else {
                         continue;
                     };
-                    let (place, covariance) = made.at(then.time_s - sample.time_s);
+                    let (position, covariance) = contestant.at(then.time_s - sample.time_s);
                     let truth = truth[i + steps];
                     tally
                         .errors
-                        .push((place[0] - truth[0]).hypot(place[1] - truth[1]));
+                        .push((position[0] - truth[0]).hypot(position[1] - truth[1]));
                     if let Some([[a, b], [_, d]]) = covariance
                         && i >= FIRST_COVERED
                     {
-                        let [x, y] = [0, 1].map(|axis| then.place[axis] - place[axis]);
+                        let [x, y] = [0, 1].map(|axis| then.position[axis] - position[axis]);
                         let distance = (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b);
                         tally.with_ellipse += 1;
-                        // 95 % quantile of chi-squared with two degrees of freedom.
+                        // 95 % quantile of the chi-squared distribution with two degrees of
+                        // freedom.
                         tally.inside += usize::from(distance <= 5.991);
                     }
                 }
@@ -137,16 +140,17 @@ impl Board {
     }
 }
 
-/// One of the predictors, following one object.
+/// A predictor that follows one object.
 pub enum Contestant {
-    /// Any but ours.
+    /// A baseline.
     Classical(Box<dyn Predictor>),
-    /// Ours.
+    /// This project's predictor.
     Overcam(Box<Overcam>),
 }
 
 impl Contestant {
-    /// A predictor by its index in [`PREDICTORS`], for an object that will be seen at `samples`.
+    /// A predictor by its index in [`PREDICTORS`], for an object that will be measured at
+    /// `samples`.
     ///
     /// # Panics
     ///
@@ -169,15 +173,16 @@ impl Contestant {
         })
     }
 
-    /// Takes the next sample.
-    pub fn take(&mut self, sample: &Sample) {
+    /// Adds the next sample.
+    pub fn observe(&mut self, sample: &Sample) {
         match self {
-            Self::Classical(predictor) => predictor.see(sample.time_s, sample.place),
-            Self::Overcam(overcam) => overcam.see(sample),
+            Self::Classical(predictor) => predictor.observe(sample.time_s, sample.position),
+            Self::Overcam(overcam) => overcam.observe(sample),
         }
     }
 
-    /// Place `ahead_s` after the newest sample, and the covariance of what will be measured from those that give one.
+    /// Position `ahead_s` after the newest sample, and the covariance of a measurement there if the
+    /// predictor has one.
     #[must_use]
     pub fn at(&self, ahead_s: f64) -> ([f64; 2], Option<[[f64; 2]; 2]>) {
         match self {
@@ -187,7 +192,7 @@ impl Contestant {
     }
 }
 
-/// The tracker, shown one object.
+/// The tracker with a single object.
 pub struct Overcam {
     tracker: Tracker<Vec<Track>>,
     settings: Settings,
@@ -195,21 +200,21 @@ pub struct Overcam {
 }
 
 impl Overcam {
-    /// For one object that is seen as in `samples`: the gate is made wide enough that none of them is taken for another
-    /// object, since not identities but forecasts are judged here.
+    /// A tracker for one object with these `samples`. The gate is wide enough that all of them
+    /// belong to the same track: this evaluates forecasts, not association.
     #[must_use]
     pub fn new(step_s: f64, samples: &[Sample]) -> Self {
-        let mut fastest = 0.0_f64;
+        let mut max_speed = 0.0_f64;
         for pair in samples.windows(2) {
-            let [x, y] = [0, 1].map(|axis| pair[1].place[axis] - pair[0].place[axis]);
-            fastest = fastest.max(x.hypot(y) / (pair[1].time_s - pair[0].time_s));
+            let [x, y] = [0, 1].map(|axis| pair[1].position[axis] - pair[0].position[axis]);
+            max_speed = max_speed.max(x.hypot(y) / (pair[1].time_s - pair[0].time_s));
         }
         Self {
             tracker: Tracker::new(vec![Track::EMPTY; 1]),
             settings: Settings {
                 frame_period_s: step_s,
-                top_speed: 3.0 * fastest,
-                gate_base: 3.0 * fastest * step_s,
+                top_speed: 3.0 * max_speed,
+                gate_base: 3.0 * max_speed * step_s,
                 max_misses: 100,
                 ..Settings::default()
             },
@@ -217,15 +222,15 @@ impl Overcam {
         }
     }
 
-    /// Takes a sample.
+    /// Adds a sample.
     ///
     /// # Panics
     ///
-    /// If the tracker takes it for another object.
-    pub fn see(&mut self, sample: &Sample) {
+    /// If the tracker assigns it to another track.
+    pub fn observe(&mut self, sample: &Sample) {
         let observation = Observation {
-            x: sample.place[0],
-            y: sample.place[1],
+            x: sample.position[0],
+            y: sample.position[1],
             covariance: [[0.0; 2]; 2],
             heading: sample.heading_rad.map(|rad| Heading {
                 rad,
@@ -242,7 +247,7 @@ impl Overcam {
         assert_eq!(id, Some(1), "the track was lost");
     }
 
-    /// Place and covariance `ahead_s` after the newest sample.
+    /// Position and covariance `ahead_s` after the newest sample.
     #[must_use]
     pub fn at(&self, ahead_s: f64) -> ([f64; 2], Option<[[f64; 2]; 2]>) {
         self.tracker
@@ -256,28 +261,28 @@ impl Overcam {
 }
 
 impl Scene {
-    /// Of all tracks of a file together: median time and way of a step, noise from third differences (what is left of a
-    /// smooth motion in them is little), extent.
+    /// Scene of all tracks of a file: median period and step length, noise from third differences,
+    /// to which smooth motion contributes little, and extent.
     #[must_use]
     pub fn of(tracks: &[Vec<Sample>]) -> Self {
-        let (mut steps, mut ways, mut thirds) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut periods, mut step_lengths, mut thirds) = (Vec::new(), Vec::new(), Vec::new());
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for track in tracks {
             for pair in track.windows(2) {
-                steps.push(pair[1].time_s - pair[0].time_s);
-                let [x, y] = [0, 1].map(|axis| pair[1].place[axis] - pair[0].place[axis]);
-                ways.push(x.hypot(y));
+                periods.push(pair[1].time_s - pair[0].time_s);
+                let [x, y] = [0, 1].map(|axis| pair[1].position[axis] - pair[0].position[axis]);
+                step_lengths.push(x.hypot(y));
             }
             for four in track.windows(4) {
                 for axis in 0..2 {
-                    let at = |i: usize| four[i].place[axis];
+                    let at = |i: usize| four[i].position[axis];
                     thirds.push((at(3) - 3.0 * at(2) + 3.0 * at(1) - at(0)).abs());
                 }
             }
             for sample in track {
                 for axis in 0..2 {
-                    low[axis] = low[axis].min(sample.place[axis]);
-                    high[axis] = high[axis].max(sample.place[axis]);
+                    low[axis] = low[axis].min(sample.position[axis]);
+                    high[axis] = high[axis].max(sample.position[axis]);
                 }
             }
         }
@@ -287,9 +292,10 @@ impl Scene {
         };
         Self {
             scale: Scale {
-                step_s: median(&mut steps).max(1e-6),
-                way: median(&mut ways),
-                // Normal noise: median of the size .6745 deviations, third differences sqrt(20) of one sample.
+                step_s: median(&mut periods).max(1e-6),
+                step_length: median(&mut step_lengths),
+                // For normal noise, the median magnitude is 0.6745 standard deviations, and third
+                // differences have sqrt(20) times the standard deviation of a sample.
                 sigma: median(&mut thirds) / 0.6745 / 20.0_f64.sqrt(),
             },
             low,

@@ -1,4 +1,5 @@
-//! The table of generated motions: every predictor on every kind of motion, with noise and, in a part of its own, after gaps.
+//! The table of generated motions: every predictor on every kind of motion, with noise, and
+//! separately after gaps.
 
 use crate::classical::Scale;
 use crate::motions::{Kind, Path};
@@ -7,35 +8,36 @@ use crate::scores::{Board, Contestant, OVERCAM, PAPER, PREDICTORS, Sample, Scene
 
 /// Standard deviations of the noise in pixels.
 pub const NOISES: [f64; 3] = [0.1, 0.3, 1.0];
-/// Frames ahead.
+/// Numbers of frames ahead.
 pub const STEPS: [usize; 5] = [1, 5, 10, 15, 30];
-/// Frames a second.
+/// Frames per second.
 const RATE_HZ: f64 = 15.0;
 const FRAMES: usize = 160;
-/// Runs of each kind, and the number of the first; none of them is trained with.
+/// Number of runs per kind, and the index of the first. None of them is used for training.
 const RUNS: u64 = 12;
 const FIRST_RUN: u64 = 5000;
-/// Samples after a gap that count as after it.
+/// Number of samples after a gap that are scored as after a gap.
 const AFTER_GAP: usize = 3;
 
-/// One line of the table.
+/// A row of the table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// Kind of motion.
     pub kind: Kind,
     /// Standard deviation of the noise.
     pub noise: f64,
-    /// The best single classical predictor of the kind in hindsight, by the geometric mean of its errors.
+    /// The baseline predictor that is best for this kind in hindsight, by the geometric mean of its
+    /// errors.
     pub best: &'static str,
-    /// Our mean error over that predictor's, for each of [`STEPS`].
+    /// Mean error relative to that predictor, for each of [`STEPS`].
     pub ratios: [f64; STEPS.len()],
-    /// The same of forecasts made with one of the first few samples after a gap of 1 to 10 frames.
+    /// The same for forecasts from the first few samples after a gap of 1 to 10 frames.
     pub after_gaps: [f64; STEPS.len()],
-    /// Part of what came that lay in our 95 % ellipse, from the 16th sample on.
+    /// Share of measurements inside the 95 % ellipse, from the 16th sample on.
     pub coverage: [f64; STEPS.len()],
 }
 
-/// The whole table.
+/// All rows of the table.
 #[must_use]
 pub fn rows() -> Vec<Row> {
     Kind::ALL.into_iter().flat_map(rows_of).collect()
@@ -57,7 +59,7 @@ fn rows_of(kind: Kind) -> Vec<Row> {
             for run in FIRST_RUN..FIRST_RUN + RUNS {
                 let path = kind.path(run, FRAMES, 1.0 / RATE_HZ);
                 let scene = scene(noise);
-                let (samples, truth) = seen(&path, noise, run);
+                let (samples, truth) = observed(&path, noise, run);
                 steady.add(&samples, &truth, &scene, &which);
                 after_gaps(&path, &samples, &scene, &which, &mut gaps);
             }
@@ -97,7 +99,7 @@ fn scene(noise: f64) -> Scene {
     Scene {
         scale: Scale {
             step_s: 1.0 / RATE_HZ,
-            way: 5.0,
+            step_length: 5.0,
             sigma: noise,
         },
         low: [0.0; 2],
@@ -105,8 +107,8 @@ fn scene(noise: f64) -> Scene {
     }
 }
 
-/// A path as a camera sees it, and the truth.
-fn seen(path: &Path, noise: f64, seed: u64) -> (Vec<Sample>, Vec<[f64; 2]>) {
+/// A path as measured by a camera, and the truth.
+fn observed(path: &Path, noise: f64, seed: u64) -> (Vec<Sample>, Vec<[f64; 2]>) {
     let mut random = Random::new(seed + 77);
     (0..FRAMES)
         .filter_map(|frame| {
@@ -114,7 +116,7 @@ fn seen(path: &Path, noise: f64, seed: u64) -> (Vec<Sample>, Vec<[f64; 2]>) {
             let truth = path.at(time_s)?;
             let sample = Sample {
                 time_s,
-                place: truth.map(|c| c + noise * random.normal()),
+                position: truth.map(|c| c + noise * random.normal()),
                 heading_rad: None,
             };
             Some((sample, truth))
@@ -124,7 +126,7 @@ fn seen(path: &Path, noise: f64, seed: u64) -> (Vec<Sample>, Vec<[f64; 2]>) {
 
 /// Scores the forecasts made just after gaps.
 fn after_gaps(path: &Path, samples: &[Sample], scene: &Scene, which: &[usize], board: &mut Board) {
-    // Gaps of 1 to 10 frames, each after 20 frames in view.
+    // Gaps of 1 to 10 frames, each after 20 visible frames.
     let mut kept = Vec::new();
     let (mut frame, mut gap) = (20, 1);
     kept.extend(samples.iter().take(frame).map(|sample| (*sample, false)));
@@ -139,17 +141,17 @@ fn after_gaps(path: &Path, samples: &[Sample], scene: &Scene, which: &[usize], b
     for predictor in which {
         let mut contestant = Contestant::new(*predictor, scene, &all);
         for (sample, after) in &kept {
-            contestant.take(sample);
+            contestant.observe(sample);
             if !after {
                 continue;
             }
             for (tally, steps) in board.tallies[*predictor].iter_mut().zip(STEPS) {
                 let ahead_s = steps as f64 / RATE_HZ;
                 if let Some(truth) = path.at(sample.time_s + ahead_s) {
-                    let (place, _) = contestant.at(ahead_s);
+                    let (position, _) = contestant.at(ahead_s);
                     tally
                         .errors
-                        .push((place[0] - truth[0]).hypot(place[1] - truth[1]));
+                        .push((position[0] - truth[0]).hypot(position[1] - truth[1]));
                 }
             }
         }

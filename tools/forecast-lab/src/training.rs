@@ -1,101 +1,104 @@
-//! How the start weights are made: the network learns from thousands of generated tracks what every track would otherwise
-//! have to find out by itself.
+//! Training of the start weights. The network learns from thousands of generated tracks what every
+//! track would otherwise have to learn by itself.
 //!
-//! Every frame of a track is a lesson: what the forecaster knew, where each expert saw the object at every horizon, where it
-//! really was, and where a camera saw it. Two losses are added:
+//! Every frame of a track is a training sample: the inputs of the network, the forecast of each
+//! expert at every horizon, the true position there, and a measurement of it. Two losses are added:
 //!
-//! * of the mixture's error in units of the best expert's in hindsight over the whole track, so that slow and fast, clean and
-//!   noisy tracks count alike; beyond a few units it grows with the logarithm only;
-//! * of the ellipse's size, as a quantile (pinball loss): so much should lie outside and no more.
+//! * The error of the mixture in units of the best expert's mean error, in hindsight over the whole
+//!   track, so that slow and fast, clean and noisy tracks count alike. Beyond a few units the loss
+//!   is logarithmic.
+//! * The quantile (pinball) loss of the ellipse's size, for a fixed share of measurements outside.
 //!
-//! What a track knows of itself depends on the network that weighs on it (its ellipses are those of the mixture's own errors), so
-//! the lessons are given in rounds, each with the network of the round before. Adam follows the gradient; what is said of
-//! experts and the hidden units are held small, which costs a little on generated motions and gains on real ones.
+//! The samples depend on the network, because the ellipses are made of the mixture's own errors.
+//! Training therefore has rounds, each with samples made by the network of the previous round. Adam
+//! follows the gradient. Weight decay costs a little on generated motions and gains on real ones.
 
 use std::f32::consts::PI;
 
 use predict::Settings;
 use predict::training::{
-    ANCHORS, EXPERTS, HIDDEN, HORIZONS, INPUTS, Lesson, MARKS, Network, OUTPUTS, Pupil, ROW,
-    STORED_PER_UNIT, WEIGHTS, back_to_said, back_to_sharpness, weigh,
+    ANCHORS, EXPERTS, HIDDEN, HORIZONS, INPUTS, Network, OUTPUTS, ROW, SCORES, STORED_PER_UNIT,
+    TrainingSample, TrainingTrack, WEIGHTS, back_to_logits, back_to_sharpness, gate,
 };
 
 use crate::motions::{Example, example};
 use crate::random::Random;
 
-/// How much is learned.
+/// The amount of training.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan {
-    /// Generated tracks.
+    /// Number of generated tracks.
     pub tracks: u64,
-    /// Rounds of lessons.
+    /// Number of rounds.
     pub rounds: usize,
-    /// Times that each round's lessons are gone through.
+    /// Number of epochs per round.
     pub epochs: usize,
 }
 
-/// What the stored weights were made with.
+/// The plan that the stored weights were trained with.
 pub const PLAN: Plan = Plan {
     tracks: 8000,
     rounds: 2,
     epochs: 6,
 };
 
-/// Frames of a track.
+/// Frames per track.
 const FRAMES: usize = 120;
-/// Samples before the first lesson, and before the first that counts for the best expert in hindsight.
-const FIRST_LESSON: usize = 2;
+/// Index of the first training sample of a track, and of the first one that counts for the best
+/// expert in hindsight.
+const FIRST_SAMPLE: usize = 2;
 const FIRST_COUNTED: usize = 8;
-/// The lessons of the first so many samples count more, of a track and after a gap: there are few of them, and every track begins with
+/// Early samples of a track and after a gap count more. They are few, but every track begins with
 /// them.
 const EARLY: usize = 10;
 const EARLY_AFTER_GAP: usize = 3;
 const EARLY_WEIGHT: f32 = 3.0;
-/// Steps that make a gap.
+/// A longer step, in nominal steps, is a gap.
 const GAP_STEPS: f64 = 1.5;
-/// Added to the unit of the error: parts of a step's way and of the noise, and pixels.
+/// Added to the unit of the error: fractions of the mean step and of the noise, and pixels.
 const UNIT_FLOOR: [f64; 3] = [0.004, 0.03, 1e-3];
-/// Errors beyond so many units grow with the logarithm.
-const FAR: f32 = 4.0;
-/// Part that should lie within the ellipse: real motion changes its mind a little more often than a generated one.
-const WITHIN: f32 = 0.952;
-/// 95 % quantile of chi-squared with two degrees of freedom.
+/// Errors beyond this many units have a logarithmic loss.
+const LINEAR_RANGE: f32 = 4.0;
+/// Target share inside the ellipse. Slightly high, because real motion changes more often than
+/// generated motion.
+const TARGET_COVERAGE: f32 = 0.952;
+/// 95 % quantile of the chi-squared distribution with two degrees of freedom.
 const WITHIN_95: f32 = 5.991;
-/// Weight of the ellipse's loss.
+/// Weight of the ellipse loss.
 const ELLIPSE_WEIGHT: f32 = 0.6;
-/// Pull of the restrained weights towards zero.
-const RESTRAINT: f32 = 8e-4;
-/// Logarithm of the marks' sharpness to begin with.
+/// Weight decay.
+const WEIGHT_DECAY: f32 = 8e-4;
+/// Initial log sharpness of the scores.
 const FIRST_SHARPNESS: f32 = -0.7;
 const BATCH: usize = 512;
-/// Adam's rate in the first round and after it, and what is left of it in the end.
+/// Learning rate of Adam in the first round and in later ones, and what remains at the end.
 const RATES: [f32; 2] = [3e-3, 1e-3];
 const LAST_RATE: f32 = 1e-5;
 const ADAM: [f32; 2] = [0.9, 0.999];
 
-/// A lesson with its answers.
-struct Task {
-    lesson: Lesson,
-    /// By horizon, relative to the newest place.
+/// A training sample with its targets.
+struct LabelledSample {
+    input: TrainingSample,
+    /// Targets by horizon, relative to the newest position.
     truth: [Option<[f32; 2]>; HORIZONS],
-    came: [Option<[f32; 2]>; HORIZONS],
+    measured: [Option<[f32; 2]>; HORIZONS],
     /// Unit of the error.
     unit: [f32; HORIZONS],
     weight: f32,
 }
 
-/// Sums of the losses over the answers that there are.
+/// Sums of the losses.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Loss {
-    /// Of the mixture.
+    /// Loss of the mixture.
     pub mixture: f64,
-    /// Of the ellipse.
+    /// Loss of the ellipse.
     pub ellipse: f64,
-    /// Answers.
+    /// Sum of the weights of all targets.
     pub n: f64,
 }
 
-/// Makes the start weights. `report` hears the epoch and the mean losses.
+/// Trains the start weights. `report` receives the epoch and its losses.
 pub fn train(plan: Plan, mut report: impl FnMut(usize, Loss)) -> Network {
     let mut random = Random::new(7);
     let mut network = Network {
@@ -105,17 +108,17 @@ pub fn train(plan: Plan, mut report: impl FnMut(usize, Loss)) -> Network {
         *weight = (random.normal() / (INPUTS as f64).sqrt()) as f32;
     }
     for anchor in 0..ANCHORS {
-        for mark in 0..MARKS {
-            *network.output_bias(anchor * ROW + EXPERTS + mark) = FIRST_SHARPNESS;
+        for score in 0..SCORES {
+            *network.output_bias(anchor * ROW + EXPERTS + score) = FIRST_SHARPNESS;
         }
     }
     let mut adam = Adam::new();
     for round in 0..plan.rounds {
-        let tasks: Vec<Task> = (1..=plan.tracks)
-            .flat_map(|seed| tasks(seed, &network))
+        let samples: Vec<LabelledSample> = (1..=plan.tracks)
+            .flat_map(|seed| labelled_samples(seed, &network))
             .collect();
-        let mut order: Vec<usize> = (0..tasks.len()).collect();
-        let n_steps = plan.epochs * (tasks.len() / BATCH);
+        let mut order: Vec<usize> = (0..samples.len()).collect();
+        let n_steps = plan.epochs * (samples.len() / BATCH);
         let mut step = 0;
         for epoch in 0..plan.epochs {
             for i in (1..order.len()).rev() {
@@ -127,8 +130,8 @@ pub fn train(plan: Plan, mut report: impl FnMut(usize, Loss)) -> Network {
                     weights: [0.0; WEIGHTS],
                 };
                 let mut loss = Loss::default();
-                for task in batch {
-                    tasks[*task].learn(&network, &mut gradient, &mut loss);
+                for index in batch {
+                    samples[*index].add_gradient(&network, &mut gradient, &mut loss);
                 }
                 step += 1;
                 let falling = 0.5 * (1.0 + (PI * step as f32 / n_steps as f32).cos());
@@ -144,7 +147,7 @@ pub fn train(plan: Plan, mut report: impl FnMut(usize, Loss)) -> Network {
     network
 }
 
-/// The weights as they are stored.
+/// Encodes the weights for storage.
 #[must_use]
 pub fn stored(network: &Network) -> Vec<u8> {
     let steps = network.weights.iter().map(|weight| {
@@ -154,41 +157,41 @@ pub fn stored(network: &Network) -> Vec<u8> {
     steps.flat_map(i16::to_le_bytes).collect()
 }
 
-/// The lessons of one generated track.
-fn tasks(seed: u64, network: &Network) -> Vec<Task> {
+/// The training samples of one generated track.
+fn labelled_samples(seed: u64, network: &Network) -> Vec<LabelledSample> {
     let example = example(seed, FRAMES);
     let settings = Settings {
         frame_period_s: example.step_s,
         ..Settings::default()
     };
-    let mut pupil = Pupil::new(&settings, network.clone());
+    let mut track = TrainingTrack::new(&settings, network.clone());
     let mut random = Random::new(seed ^ 0xaaaa);
-    let mut tasks = Vec::with_capacity(FRAMES);
-    let (mut before_s, mut since_gap) = (0.0, 0);
-    for (i, (time_s, place)) in example.seen.iter().enumerate() {
-        since_gap = if time_s - before_s > GAP_STEPS * example.step_s {
+    let mut samples = Vec::with_capacity(FRAMES);
+    let (mut last_s, mut since_gap) = (0.0, 0);
+    for (i, (time_s, position)) in example.samples.iter().enumerate() {
+        since_gap = if time_s - last_s > GAP_STEPS * example.step_s {
             0
         } else {
             since_gap + 1
         };
-        before_s = *time_s;
+        last_s = *time_s;
         let heading = example.headings.as_ref().map(|headings| headings[i]);
-        pupil.see(((time_s + 1.0) * 1e9) as u64, *place, heading);
-        if i < FIRST_LESSON {
+        track.observe(((time_s + 1.0) * 1e9) as u64, *position, heading);
+        if i < FIRST_SAMPLE {
             continue;
         }
-        let lesson = pupil.lesson();
-        let truth = lesson.times_s.map(|ahead_s| {
-            let then = example.path.at(time_s + ahead_s)?;
-            Some([0, 1].map(|axis| (then[axis] - place[axis]) as f32))
+        let input = track.sample();
+        let truth = input.times_s.map(|ahead_s| {
+            let later = example.path.at(time_s + ahead_s)?;
+            Some([0, 1].map(|axis| (later[axis] - position[axis]) as f32))
         });
-        let came = truth.map(|truth| {
+        let measured = truth.map(|truth| {
             truth.map(|truth| truth.map(|c| c + (example.sigma * random.normal()) as f32))
         });
-        tasks.push(Task {
-            lesson,
+        samples.push(LabelledSample {
+            input,
             truth,
-            came,
+            measured,
             unit: [1.0; HORIZONS],
             weight: if i < EARLY || since_gap < EARLY_AFTER_GAP {
                 EARLY_WEIGHT
@@ -197,119 +200,130 @@ fn tasks(seed: u64, network: &Network) -> Vec<Task> {
             },
         });
     }
-    set_units(&mut tasks, &example);
-    tasks
+    set_units(&mut samples, &example);
+    samples
 }
 
-/// The unit of a track's errors at each horizon: the best expert's mean in hindsight, and a floor.
-fn set_units(tasks: &mut [Task], example: &Example) {
-    let ways = example.seen.windows(2).map(|pair| {
+/// Sets the unit of a track's errors at each horizon: the mean error of the best expert in
+/// hindsight, plus a floor.
+fn set_units(samples: &mut [LabelledSample], example: &Example) {
+    let steps = example.samples.windows(2).map(|pair| {
         let [from, to] = [pair[0].1, pair[1].1];
         (to[0] - from[0]).hypot(to[1] - from[1])
     });
-    let way = ways.sum::<f64>() / (example.seen.len().max(2) - 1) as f64;
-    let floor = UNIT_FLOOR[0] * way + UNIT_FLOOR[1] * example.sigma + UNIT_FLOOR[2];
+    let mean_step = steps.sum::<f64>() / (example.samples.len().max(2) - 1) as f64;
+    let floor = UNIT_FLOOR[0] * mean_step + UNIT_FLOOR[1] * example.sigma + UNIT_FLOOR[2];
     for horizon in 0..HORIZONS {
         let mut sums = [0.0_f32; EXPERTS];
         let mut n = 0.0_f32;
-        for task in tasks.iter().skip(FIRST_COUNTED - FIRST_LESSON) {
-            let Some(truth) = task.truth[horizon] else {
+        for sample in samples.iter().skip(FIRST_COUNTED - FIRST_SAMPLE) {
+            let Some(truth) = sample.truth[horizon] else {
                 continue;
             };
             n += 1.0;
-            for (sum, place) in sums.iter_mut().zip(&task.lesson.places[horizon]) {
-                *sum += (place[0] - truth[0]).hypot(place[1] - truth[1]);
+            for (sum, position) in sums.iter_mut().zip(&sample.input.positions[horizon]) {
+                *sum += (position[0] - truth[0]).hypot(position[1] - truth[1]);
             }
         }
         let best = sums.iter().fold(f32::INFINITY, |a, b| a.min(*b)) / n.max(1.0);
-        for task in tasks.iter_mut() {
-            task.unit[horizon] = best + floor as f32;
+        for sample in samples.iter_mut() {
+            sample.unit[horizon] = best + floor as f32;
         }
     }
 }
 
-impl Task {
+impl LabelledSample {
     /// Adds the losses and their gradient.
-    fn learn(&self, network: &Network, gradient: &mut Network, loss: &mut Loss) {
-        let Lesson {
-            evidence, places, ..
-        } = &self.lesson;
-        let shares = weigh(network, evidence);
+    fn add_gradient(&self, network: &Network, gradient: &mut Network, loss: &mut Loss) {
+        let TrainingSample {
+            evidence,
+            positions,
+            ..
+        } = &self.input;
+        let shares = gate(network, evidence);
         let mut by_outputs = [0.0; OUTPUTS];
         for horizon in 0..HORIZONS {
-            let (Some(truth), Some(came)) = (self.truth[horizon], self.came[horizon]) else {
+            let (Some(truth), Some(measured)) = (self.truth[horizon], self.measured[horizon])
+            else {
                 continue;
             };
-            let places = &places[horizon];
+            let positions = &positions[horizon];
             let shares_now = &shares.shares[horizon];
             let mut mixed = [0.0_f32; 2];
-            for (share, place) in shares_now.iter().zip(places) {
-                mixed[0] += share * place[0];
-                mixed[1] += share * place[1];
+            for (share, position) in shares_now.iter().zip(positions) {
+                mixed[0] += share * position[0];
+                mixed[1] += share * position[1];
             }
-            let by_place = self.miss(horizon, mixed, truth, loss);
+            let by_position = self.position_loss(horizon, mixed, truth, loss);
             let mut by_logits = [0.0; EXPERTS];
-            for ((by, share), place) in by_logits.iter_mut().zip(shares_now).zip(places) {
-                let [x, y] = [0, 1].map(|axis| place[axis] - mixed[axis]);
-                *by = share * (by_place[0] * x + by_place[1] * y);
+            for ((by, share), position) in by_logits.iter_mut().zip(shares_now).zip(positions) {
+                let [x, y] = [0, 1].map(|axis| position[axis] - mixed[axis]);
+                *by = share * (by_position[0] * x + by_position[1] * y);
             }
-            let by_spread = self.ellipse(horizon, mixed, came, shares.spread[horizon], loss);
-            back_to_said(&shares.answer, horizon, &by_logits, &mut by_outputs);
+            let by_log_scale =
+                self.ellipse_loss(horizon, mixed, measured, shares.log_scale[horizon], loss);
+            back_to_logits(&shares.activations, horizon, &by_logits, &mut by_outputs);
             back_to_sharpness(
                 evidence,
-                &shares.answer,
+                &shares.activations,
                 horizon,
                 &by_logits,
-                by_spread,
+                by_log_scale,
                 &mut by_outputs,
             );
         }
-        network.add_gradient(&evidence.inputs, &shares.answer, &by_outputs, gradient);
+        network.add_gradient(&evidence.inputs, &shares.activations, &by_outputs, gradient);
     }
 
-    /// Loss of the mixture's place; its derivatives.
-    fn miss(&self, horizon: usize, mixed: [f32; 2], truth: [f32; 2], loss: &mut Loss) -> [f32; 2] {
+    /// Adds the loss of the mixture's position. Returns its derivatives.
+    fn position_loss(
+        &self,
+        horizon: usize,
+        mixed: [f32; 2],
+        truth: [f32; 2],
+        loss: &mut Loss,
+    ) -> [f32; 2] {
         let error = [0, 1].map(|axis| mixed[axis] - truth[axis]);
         let unit = self.unit[horizon];
         let size = error[0].hypot(error[1]).max(1e-9) / unit;
-        let (value, slope) = if size < FAR {
+        let (value, slope) = if size < LINEAR_RANGE {
             (size, 1.0)
         } else {
-            let beyond = size - FAR + 1.0;
-            (FAR + beyond.ln(), 1.0 / beyond)
+            let beyond = size - LINEAR_RANGE + 1.0;
+            (LINEAR_RANGE + beyond.ln(), 1.0 / beyond)
         };
         loss.mixture += f64::from(self.weight * value);
         loss.n += f64::from(self.weight);
         error.map(|error| self.weight * slope * error / (size * unit * unit))
     }
 
-    /// Loss of the ellipse's size, given the logarithm of its scale; its derivative by that.
-    fn ellipse(
+    /// Adds the loss of the ellipse's log scale. Returns its derivative.
+    fn ellipse_loss(
         &self,
         horizon: usize,
         mixed: [f32; 2],
-        came: [f32; 2],
-        spread: f32,
+        measured: [f32; 2],
+        log_scale: f32,
         loss: &mut Loss,
     ) -> f32 {
-        let [x, y] = [0, 1].map(|axis| came[axis] - mixed[axis]);
-        let [c, s] = self.lesson.direction;
+        let [x, y] = [0, 1].map(|axis| measured[axis] - mixed[axis]);
+        let [c, s] = self.input.direction;
         let (along, across) = (c * x + s * y, c * y - s * x);
-        let [a, b, d] = self.lesson.ellipses[horizon];
+        let [a, b, d] = self.input.ellipses[horizon];
         let distance = (d * along * along - 2.0 * b * along * across + a * across * across)
             / (a * d - b * b).max(1e-30);
-        let wanted = 0.5 * (distance.max(1e-8) / WITHIN_95).ln();
-        let slope = if spread < wanted {
-            -WITHIN
+        let target = 0.5 * (distance.max(1e-8) / WITHIN_95).ln();
+        let slope = if log_scale < target {
+            -TARGET_COVERAGE
         } else {
-            1.0 - WITHIN
+            1.0 - TARGET_COVERAGE
         };
-        loss.ellipse += f64::from(slope * (spread - wanted));
+        loss.ellipse += f64::from(slope * (log_scale - target));
         ELLIPSE_WEIGHT * slope
     }
 }
 
-/// Adam (Kingma and Ba), with the restraint of `RESTRAINT`.
+/// Adam (Kingma and Ba) with weight decay.
 struct Adam {
     mean: Vec<f32>,
     square: Vec<f32>,
@@ -325,16 +339,16 @@ impl Adam {
         }
     }
 
-    fn step(&mut self, network: &mut Network, gradient: &Network, n_answers: f32, rate: f32) {
+    fn step(&mut self, network: &mut Network, gradient: &Network, n: f32, rate: f32) {
         self.n += 1;
         let [mean_left, square_left] = ADAM.map(|keep| 1.0 - keep.powi(self.n));
         for (i, weight) in network.weights.iter_mut().enumerate() {
-            let restraint = if Network::is_restrained(i) {
-                RESTRAINT
+            let decay = if Network::is_decayed(i) {
+                WEIGHT_DECAY
             } else {
                 0.0
             };
-            let slope = gradient.weights[i] / n_answers + restraint * *weight;
+            let slope = gradient.weights[i] / n + decay * *weight;
             self.mean[i] += (1.0 - ADAM[0]) * (slope - self.mean[i]);
             self.square[i] += (1.0 - ADAM[1]) * (slope * slope - self.square[i]);
             let (mean, square) = (self.mean[i] / mean_left, self.square[i] / square_left);

@@ -1,15 +1,15 @@
-//! Hours of frames: nothing becomes infinite, and what was learned does not wear out.
+//! Hours of frames: all output stays finite, and forecasts do not degrade.
 
 use forecast_lab::random::Random;
 use predict::{Observation, Settings, Track, Tracker};
 
 const RATE_HZ: usize = 15;
 const HOUR: usize = 3600 * RATE_HZ;
-/// Frames ahead at which errors are measured: a second.
+/// Number of frames ahead at which errors are measured: a second.
 const AHEAD: usize = RATE_HZ;
 
-/// Places of three things in frame after frame: one that goes round an eight, one that wanders between walls and changes
-/// its mind, one that is parked.
+/// Positions of three objects: one on a figure of eight, one that wanders between walls and changes
+/// direction, and one that is parked.
 struct Floor {
     random: Random,
     frame: usize,
@@ -37,8 +37,9 @@ impl Floor {
     }
 }
 
-/// Mean errors of the three, a second ahead, in the first and in the last `part` of `frames`, over the way that each made in
-/// a second meanwhile: the one that wanders is never twice the same. The parked one's way is taken for 1 px.
+/// Mean errors of the three objects a second ahead, in the first and in the last `part` of
+/// `frames`, relative to the distance that each covers in a second, because the wandering one never
+/// repeats itself. For the parked one this distance is taken as 1 px.
 fn errors(frames: usize, part: usize) -> [[f64; 3]; 2] {
     let mut floor = Floor {
         random: Random::new(5),
@@ -52,12 +53,12 @@ fn errors(frames: usize, part: usize) -> [[f64; 3]; 2] {
     let settings = Settings::default();
     let mut waiting = vec![[[f64::NAN; 2]; 3]; AHEAD];
     let mut before = vec![[[f64::NAN; 2]; 3]; AHEAD];
-    let (mut sums, mut ways) = ([[0.0; 3]; 2], [[1e-9; 3]; 2]);
+    let (mut sums, mut distances) = ([[0.0; 3]; 2], [[1e-9; 3]; 2]);
     for frame in 0..frames {
         let truth = floor.next();
-        let observations = truth.map(|place| Observation {
-            x: place[0] + 0.3 * noise.normal(),
-            y: place[1] + 0.3 * noise.normal(),
+        let observations = truth.map(|position| Observation {
+            x: position[0] + 0.3 * noise.normal(),
+            y: position[1] + 0.3 * noise.normal(),
             covariance: [[0.09, 0.0], [0.0, 0.09]],
             heading: None,
             marker: None,
@@ -70,9 +71,10 @@ fn errors(frames: usize, part: usize) -> [[f64; 3]; 2] {
         let parts = [(10 * AHEAD..part).contains(&frame), frame >= frames - part];
         for part in (0..2).filter(|part| parts[*part]) {
             for (i, truth) in truth.iter().enumerate() {
-                let from = |place: [f64; 2]| (place[0] - truth[0]).hypot(place[1] - truth[1]);
+                let from =
+                    |position: [f64; 2]| (position[0] - truth[0]).hypot(position[1] - truth[1]);
                 sums[part][i] += from(waiting[slot][i]);
-                ways[part][i] += if i == 2 { 1.0 } else { from(before[slot][i]) };
+                distances[part][i] += if i == 2 { 1.0 } else { from(before[slot][i]) };
             }
         }
         before[slot] = truth;
@@ -92,7 +94,7 @@ fn errors(frames: usize, part: usize) -> [[f64; 3]; 2] {
         }
         assert_eq!(ids, [1, 2, 3], "frame {frame}");
     }
-    [0, 1].map(|part| [0, 1, 2].map(|i| sums[part][i] / ways[part][i]))
+    [0, 1].map(|part| [0, 1, 2].map(|i| sums[part][i] / distances[part][i]))
 }
 
 fn check([first, last]: [[f64; 3]; 2]) {
@@ -108,7 +110,7 @@ fn an_hour_wears_nothing_out() {
 }
 
 #[test]
-#[ignore = "takes a minute: cargo test --release -p forecast-lab --test endurance -- --ignored --nocapture"]
+#[ignore = "takes a minute: cargo test --release -p forecast_lab --test endurance -- --ignored --nocapture"]
 fn a_day_wears_nothing_out() {
     check(errors(24 * HOUR, HOUR));
 }

@@ -1,13 +1,13 @@
-//! The table of generated motions is as it was, and as good as it should be.
+//! The table of generated motions equals the stored one and meets its goals.
 //!
-//! `UPDATE=1 cargo test -p forecast-lab --test table` stores it anew, after a change that was meant to change it.
+//! `UPDATE=1 cargo test -p forecast-lab --test table` stores it anew after an intended change.
 
 use std::fmt::Write;
 use std::path::Path;
 
 use forecast_lab::table::{NOISES, Row, STEPS, geometric_mean, rows};
 
-/// By how much a number may differ where another mathematical library draws the motions.
+/// Tolerance for other mathematical libraries, which generate slightly different motions.
 const TOLERANCE: f64 = 0.03;
 
 fn written(rows: &[Row]) -> String {

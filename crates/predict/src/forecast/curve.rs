@@ -8,12 +8,12 @@ use crate::forecast::motion::Motion;
 use crate::layout::{ByExpert, EXPERTS, HORIZONS};
 use crate::vector::{add, norm_squared, scale, sub};
 
-/// Where an object is expected at one moment.
+/// Expected position at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForecastPoint {
-    /// Seconds after the frame's time stamp.
+    /// Seconds after the time stamp of the frame.
     pub dt_s: f64,
-    /// Expected place.
+    /// Expected position.
     pub x: f64,
     /// See `x`.
     pub y: f64,
@@ -21,20 +21,20 @@ pub struct ForecastPoint {
     pub covariance: [[f64; 2]; 2],
 }
 
-/// Where an object will be, counted from its newest sample.
+/// Expected positions after the newest sample.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Forecast {
     pub(crate) horizons: Horizons,
-    /// Longest time ahead that is looked at.
-    pub(crate) longest_s: f64,
+    /// Longest time ahead in seconds.
+    pub(crate) max_ahead_s: f64,
     pub(crate) speed_limit: f64,
     pub(crate) origin: [f64; 2],
     pub(crate) motions: [Motion; EXPERTS],
     pub(crate) shares: ByExpert<f32>,
-    /// Of the newest sample, and by horizon.
+    /// At the newest sample, and by horizon.
     pub(crate) covariance: Covariance,
     pub(crate) covariances: [Covariance; HORIZONS],
-    /// Velocity at the newest sample, units a second.
+    /// Velocity at the newest sample in units per second.
     pub(crate) velocity: [f64; 2],
     /// Turn rate of the velocity.
     pub(crate) turn_rate_rad_s: f64,
@@ -43,7 +43,7 @@ pub(crate) struct Forecast {
 impl Forecast {
     pub(crate) const EMPTY: Self = Self {
         horizons: Horizons::ONE_SECOND,
-        longest_s: 1.0,
+        max_ahead_s: 1.0,
         speed_limit: 0.0,
         origin: [0.0; 2],
         motions: [Motion::NONE; EXPERTS],
@@ -54,19 +54,14 @@ impl Forecast {
         turn_rate_rad_s: 0.0,
     };
 
-    /// Longest time ahead that is looked at, in seconds.
-    pub(crate) fn longest_s(&self) -> f64 {
-        self.longest_s
-    }
-
-    /// Place and covariance `ahead_s` seconds after the newest sample. Shares are interpolated between the horizons,
-    /// experts say where they are at this very moment. After the last horizon its shares hold, and standard deviations grow with
-    /// time, until the longest gap.
+    /// Position and covariance `ahead_s` seconds after the newest sample. Shares are interpolated
+    /// between horizons; the experts are evaluated at exactly this time. After the last horizon its
+    /// shares are kept and standard deviations grow with time, up to the longest gap.
     pub(crate) fn at(&self, ahead_s: f64) -> ([f64; 2], Covariance) {
-        let ahead_s = ahead_s.clamp(0.0, self.longest_s);
+        let ahead_s = ahead_s.clamp(0.0, self.max_ahead_s);
         let (index, part) = self.horizons.around(ahead_s);
         let next = (index + 1).min(HORIZONS - 1);
-        let mut place = [0.0_f32; 2];
+        let mut position = [0.0_f32; 2];
         let shares = self.shares[index].iter().zip(&self.shares[next]);
         for (motion, (share, later)) in self.motions.iter().zip(shares) {
             let share = share + part as f32 * (later - share);
@@ -74,11 +69,11 @@ impl Forecast {
                 continue;
             }
             let [x, y] = motion.at(ahead_s as f32);
-            place[0] += share * x;
-            place[1] += share * y;
+            position[0] += share * x;
+            position[1] += share * y;
         }
         let reach = self.speed_limit * ahead_s;
-        let place = add(self.origin, limited(place.map(f64::from), reach));
+        let position = add(self.origin, limited(position.map(f64::from), reach));
 
         let times_s = &self.horizons.times_s;
         let covariance = if ahead_s > times_s[HORIZONS - 1] {
@@ -91,7 +86,7 @@ impl Forecast {
             let part = (ahead_s - times_s[index]) / (times_s[next] - times_s[index]);
             interpolated(&self.covariances[index], &self.covariances[next], part)
         };
-        (place, covariance)
+        (position, covariance)
     }
 }
 
@@ -103,13 +98,13 @@ fn interpolated(from: &Covariance, to: &Covariance, part: f64) -> Covariance {
     covariance
 }
 
-/// The vector, shortened to the length `most`; zero if it is not finite.
-pub(crate) fn limited(vector: [f64; 2], most: f64) -> [f64; 2] {
+/// The vector, shortened to the length `max`. Zero if it is not finite.
+pub(crate) fn limited(vector: [f64; 2], max: f64) -> [f64; 2] {
     let length = sqrt(norm_squared(vector));
     if !length.is_finite() {
         [0.0; 2]
-    } else if length > most {
-        scale(vector, most / length)
+    } else if length > max {
+        scale(vector, max / length)
     } else {
         vector
     }

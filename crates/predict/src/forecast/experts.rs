@@ -1,7 +1,7 @@
-//! The classical forecasts that the network weighs: the same few motions over short and long stretches of the past.
+//! The experts: a few kinds of motion, fitted to short and long windows of recent samples.
 //!
-//! Short fits follow what has just changed, long ones average noise away; which of them is right is the one question
-//! that the network answers.
+//! Short fits follow recent changes; long fits average out noise. The network decides which to
+//! trust.
 
 use libm::{cos, sin};
 
@@ -11,22 +11,24 @@ use crate::heading::Steering;
 use crate::layout::EXPERTS;
 use crate::vector::{add, complex_mul, conjugate, scale, sub};
 
-/// Fastest turn in radians a sample; beyond it five samples cover half a circle and a fit is ambiguous.
+/// Maximum turn in radians per sample. Beyond it, five samples cover half a circle and the fit is
+/// ambiguous.
 const MAX_TURN_PER_SAMPLE: f64 = 0.6;
+
 #[derive(Debug, Clone, Copy)]
 enum Fit {
     Rest,
     Line,
     Turn,
-    /// Steady acceleration: what neither a line nor a turn is.
+    /// Constant acceleration: neither a line nor a turn.
     Parabola,
-    /// A vehicle that keeps its velocity relative to its body and the turn rate that its marker shows.
+    /// A vehicle that keeps its velocity relative to its body and the turn rate of its marker.
     Steered,
-    /// A line thrown back by the walls beyond which nothing was ever seen.
-    Walled,
+    /// A line reflected at the bounds of everything observed so far.
+    Bounce,
 }
 
-/// Kind of motion, and the most samples it is fitted to.
+/// Kind of motion, and the maximum number of samples it is fitted to.
 const FITS: [(Fit, usize); EXPERTS] = [
     (Fit::Rest, 1),
     (Fit::Rest, 16),
@@ -40,31 +42,31 @@ const FITS: [(Fit, usize); EXPERTS] = [
     (Fit::Turn, 16),
     (Fit::Turn, 32),
     (Fit::Steered, 5),
-    (Fit::Walled, 5),
+    (Fit::Bounce, 5),
 ];
 
-/// Every expert's motion. `walls`: lowest and highest coordinates at which anything was ever seen, relative to the
-/// newest place. Where an expert lacks what it needs, it says what the line through as many samples says.
+/// The motion of every expert. `bounds` are relative to the newest position. An expert that lacks
+/// its input falls back to a line through the same samples.
 pub(crate) fn fit(
     past: &Past,
     steering: Option<&Steering>,
-    walls: [[f64; 2]; 2],
+    bounds: [[f64; 2]; 2],
 ) -> [Motion; EXPERTS] {
-    let Some(step_s) = past.usual_step_s() else {
+    let Some(step_s) = past.median_step_s() else {
         return [Motion::NONE; EXPERTS];
     };
     FITS.map(|(fit, n)| {
-        let least = match fit {
+        let min_samples = match fit {
             Fit::Turn | Fit::Parabola => MIN_TURN_SAMPLES,
-            Fit::Rest | Fit::Line | Fit::Steered | Fit::Walled => 2,
+            Fit::Rest | Fit::Line | Fit::Steered | Fit::Bounce => 2,
         };
-        let points = past.recent(n, least, step_s);
+        let points = past.recent(n, min_samples, step_s);
         match fit {
             Fit::Rest => Motion::rest(points),
             Fit::Line => Motion::line(points),
             Fit::Turn => Motion::turn(points, MAX_TURN_PER_SAMPLE / step_s),
             Fit::Parabola => Motion::parabola(points),
-            Fit::Walled => Motion::walled(points, walls),
+            Fit::Bounce => Motion::bounce(points, bounds),
             Fit::Steered => steering
                 .and_then(|steering| steered(points, steering))
                 .unwrap_or_else(|| Motion::line(points)),
@@ -72,24 +74,24 @@ pub(crate) fn fit(
     })
 }
 
-/// The mean velocity as seen from the body, turned with the body from now on.
+/// The mean velocity in the body frame, which turns with the body from now on.
 fn steered(points: &[Point], steering: &Steering) -> Option<Motion> {
     let n = points.len().min(steering.len);
     if n < 2 {
         return None;
     }
     let (points, headings) = (&points[..n], &steering.headings_rad[..n]);
-    // Each step's velocity as seen from the body, weighed by the time it took.
-    let mut moved = [0.0; 2];
+    // Sum of the displacements in the body frame.
+    let mut chords = [0.0; 2];
     for (pair, headings) in points.windows(2).zip(headings.windows(2)) {
         let middle = 0.5 * (headings[0] + headings[1]);
-        let chord = sub(pair[0].place, pair[1].place);
-        moved = add(
-            moved,
+        let chord = sub(pair[0].position, pair[1].position);
+        chords = add(
+            chords,
             complex_mul(chord, conjugate([cos(middle), sin(middle)])),
         );
     }
-    let velocity = scale(moved, 1.0 / -points[n - 1].time_s);
+    let velocity = scale(chords, 1.0 / -points[n - 1].time_s);
     let newest = headings[0];
     let velocity = complex_mul(velocity, [cos(newest), sin(newest)]);
     let motion = Motion::Turn {
@@ -105,17 +107,17 @@ mod tests {
     use super::*;
     use crate::history::{History, Sample};
 
-    /// A robot that drives sideways, its nose a quarter turn off its way, on a circle.
+    /// A robot that drives sideways on a circle, with its heading a quarter turn off its course.
     #[test]
-    fn a_marker_tells_how_a_vehicle_steers_in_whatever_direction_it_drives() {
+    fn steering_works_in_any_direction_of_travel() {
         let (rate, period_s) = (0.8, 0.1);
-        let place = |t: f64| [50.0 * cos(rate * t), 50.0 * sin(rate * t)];
+        let position = |t: f64| [50.0 * cos(rate * t), 50.0 * sin(rate * t)];
         let mut history = History::EMPTY;
         for i in 0..5_u32 {
             let t = period_s * f64::from(i);
             let sample = Sample {
                 time_ns: u64::from(i) * 100_000_000,
-                position: place(t),
+                position: position(t),
             };
             history.push(sample, 0);
         }
@@ -128,15 +130,15 @@ mod tests {
         let past = Past::of(&history);
         let motion = steered(past.newest(5), &steering).expect("it moves");
         let [x, y] = motion.at(1.0).map(f64::from);
-        let [now, then] = [place(now_s), place(now_s + 1.0)];
+        let [now, then] = [position(now_s), position(now_s + 1.0)];
         let error = sub([x, y], sub(then, now));
-        // The chords are a little shorter than the arcs.
+        // Chords are slightly shorter than arcs.
         assert!(error[0].abs() < 0.05 && error[1].abs() < 0.05, "{error:?}");
         assert_eq!(steered(past.newest(1), &steering), None);
     }
 
     #[test]
-    fn one_sample_says_that_it_stays() {
+    fn one_sample_gives_rest() {
         let mut history = History::EMPTY;
         history.push(Sample::EMPTY, 0);
         let motions = fit(&Past::of(&history), None, [[0.0; 2]; 2]);

@@ -1,23 +1,24 @@
-//! The moments ahead at which forecasts are marked: from one step to [`FARTHEST_S`], evenly spaced on a scale of
-//! ratios.
+//! The horizons at which forecasts are scored: from one step to [`FORECAST_RANGE_S`], spaced evenly
+//! on a logarithmic scale.
 
 use libm::{exp2, log2};
 
 use crate::layout::HORIZONS;
-use crate::limits::FARTHEST_S;
+use crate::limits::FORECAST_RANGE_S;
 
-/// Shortest first horizon in seconds. Faster cameras see less than a robot's motion from frame to frame.
-const LEAST_STEP_S: f64 = 1.0 / 16.0;
+/// Minimum time to the first horizon in seconds. At higher frame rates, the motion between two
+/// frames is too small to score.
+const MIN_STEP_S: f64 = 1.0 / 16.0;
 
-/// Times ahead for one length of step.
+/// Times ahead for one frame period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Horizons {
     /// Nominal time between two frames, not longer than `step_s`.
     pub(crate) frame_s: f64,
-    /// The first of them, which is the step in which ages are counted.
+    /// Time to the first horizon, which is also the unit in which ages are counted.
     pub(crate) step_s: f64,
     pub(crate) times_s: [f64; HORIZONS],
-    /// Octaves from one horizon to the next.
+    /// Octaves between two horizons.
     octaves: f64,
 }
 
@@ -29,10 +30,10 @@ impl Horizons {
         octaves: 0.0,
     };
 
-    /// For frames that come so often.
+    /// Horizons for a frame period in seconds.
     pub(crate) fn new(frame_period_s: f64) -> Self {
-        let first_s = frame_period_s.max(LEAST_STEP_S);
-        let octaves = log2(FARTHEST_S.max(first_s) / first_s) / (HORIZONS - 1) as f64;
+        let first_s = frame_period_s.max(MIN_STEP_S);
+        let octaves = log2(FORECAST_RANGE_S.max(first_s) / first_s) / (HORIZONS - 1) as f64;
         let mut times_s = [0.0; HORIZONS];
         let ratio = exp2(octaves);
         let mut ahead_s = first_s;
@@ -48,7 +49,8 @@ impl Horizons {
         }
     }
 
-    /// Index of the horizon before `ahead_s` and how far, 0 to 1, it lies on the way to the next.
+    /// Index of the horizon before `ahead_s`, and the fraction of the interval to the next one, 0
+    /// to 1.
     pub(crate) fn around(&self, ahead_s: f64) -> (usize, f64) {
         if ahead_s <= self.times_s[0] || self.octaves <= 0.0 {
             return (0, 0.0);
@@ -64,17 +66,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn from_one_frame_to_two_seconds() {
+    fn spans_one_frame_to_two_seconds() {
         for period_s in [1.0 / 120.0, 1.0 / 30.0, 1.0 / 15.0, 0.4] {
             let horizons = Horizons::new(period_s);
-            assert_eq!(horizons.times_s[0], period_s.max(LEAST_STEP_S));
-            assert!((horizons.times_s[HORIZONS - 1] - FARTHEST_S).abs() < 1e-12);
+            assert_eq!(horizons.times_s[0], period_s.max(MIN_STEP_S));
+            assert!((horizons.times_s[HORIZONS - 1] - FORECAST_RANGE_S).abs() < 1e-12);
             assert!(horizons.times_s.is_sorted());
         }
     }
 
     #[test]
-    fn every_moment_lies_between_its_horizons() {
+    fn every_time_lies_between_its_horizons() {
         let horizons = Horizons::new(1.0 / 15.0);
         for i in 0..250 {
             let ahead_s = 0.01 * f64::from(i);
@@ -87,7 +89,7 @@ mod tests {
             }
         }
         assert_eq!(horizons.around(99.0), (HORIZONS - 2, 1.0));
-        // Frames too slow for anything but one horizon.
+        // At this frame period all horizons coincide.
         assert_eq!(Horizons::new(5.0).around(7.0), (0, 0.0));
     }
 }

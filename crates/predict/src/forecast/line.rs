@@ -1,19 +1,19 @@
-//! The straight line that fits some places best.
+//! Weighted least-squares fit of a straight line.
 
 use crate::forecast::past::{Point, weight};
 use crate::vector::{add, scale, sub};
 
-/// Steady motion along a straight line.
+/// Constant velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Line {
-    /// Fitted place at the newest moment.
+    /// Fitted position at the newest sample.
     pub(crate) origin: [f64; 2],
-    /// Units a second.
+    /// Units per second.
     pub(crate) velocity: [f64; 2],
     /// Mean of the times, not positive.
     mean_s: f64,
-    /// Variances that noise of variance 1 in every place causes: of the mean place, of that and the velocity together, of the
-    /// velocity.
+    /// Variances caused by unit noise in every position: of the mean position, covariance with the
+    /// velocity, of the velocity.
     noise: [f64; 3],
 }
 
@@ -28,7 +28,7 @@ impl Line {
             let weight = weight(point, oldest.time_s);
             n += weight;
             mean_s += weight * point.time_s;
-            mean = add(mean, scale(point.place, weight));
+            mean = add(mean, scale(point.position, weight));
         }
         mean_s /= n;
         mean = scale(mean, 1.0 / n);
@@ -37,35 +37,36 @@ impl Line {
             let weight = weight(point, oldest.time_s);
             let time_s = point.time_s - mean_s;
             spread_s2 += weight * time_s * time_s;
-            moment = add(moment, scale(sub(point.place, mean), weight * time_s));
+            moment = add(moment, scale(sub(point.position, mean), weight * time_s));
             for (sum, of_time) in squares.iter_mut().zip([1.0, time_s, time_s * time_s]) {
                 *sum += weight * weight * of_time;
             }
         }
         let velocity = scale(moment, 1.0 / spread_s2);
-        let [place, both, slope] = squares;
+        let [position, both, slope] = squares;
         Some(Self {
             origin: sub(mean, scale(velocity, mean_s)),
             velocity,
             mean_s,
             noise: [
-                place / (n * n),
+                position / (n * n),
                 both / (n * spread_s2),
                 slope / (spread_s2 * spread_s2),
             ],
         })
     }
 
-    /// Place at a time after the newest moment.
+    /// Position at a time after the newest sample.
     pub(crate) fn at(&self, time_s: f64) -> [f64; 2] {
         add(self.origin, scale(self.velocity, time_s))
     }
 
-    /// Variance of the place `ahead_s` after the newest moment that noise of variance 1 in every place causes.
+    /// Variance of the position `ahead_s` after the newest sample that is caused by unit noise in
+    /// every position.
     pub(crate) fn noise_gain(&self, ahead_s: f64) -> f64 {
         let from_mean_s = ahead_s - self.mean_s;
-        let [place, both, slope] = self.noise;
-        place + from_mean_s * (2.0 * both + from_mean_s * slope)
+        let [position, both, slope] = self.noise;
+        position + from_mean_s * (2.0 * both + from_mean_s * slope)
     }
 }
 
@@ -78,24 +79,24 @@ mod tests {
     fn line_through_three_points_by_hand() {
         let at = |time_s: f64, x: f64| Point {
             time_s,
-            place: [x, 0.0],
+            position: [x, 0.0],
         };
-        // Weights 1, 3/5, 1/5: mean time -5/9, mean place -4/3.
+        // Weights 1, 3/5, 1/5: mean time -5/9, mean position -4/3.
         let line = Line::fit(&[at(0.0, 0.0), at(-1.0, -3.0), at(-2.0, -3.0)]).expect("points");
         assert!((line.velocity[0] - 75.0 / 38.0).abs() < 1e-12);
         assert!((line.at(0.0)[0] + 9.0 / 38.0).abs() < 1e-12);
     }
 
     #[test]
-    fn noise_gain_is_the_sum_of_what_each_place_adds() {
+    fn noise_gain_is_the_sum_over_all_positions() {
         let (mut points, _) = points(7, |t| [3.0 * t, 0.0]);
         let line = Line::fit(&points).expect("points");
         for ahead_s in [0.0, 0.3, 2.0] {
             let mut gain = 0.0;
             for i in 0..points.len() {
-                points[i].place[1] = 1.0;
+                points[i].position[1] = 1.0;
                 let moved = Line::fit(&points).expect("points").at(ahead_s)[1];
-                points[i].place[1] = 0.0;
+                points[i].position[1] = 0.0;
                 gain += moved * moved;
             }
             assert!((line.noise_gain(ahead_s) - gain).abs() < 1e-9, "{gain}");

@@ -1,71 +1,74 @@
-//! From what is known of a track to the share of every expert in its forecast (Jacobs and others, "Adaptive mixtures of
-//! local experts").
+//! The share of every expert in the forecast (Jacobs and others, "Adaptive mixtures of local
+//! experts").
 //!
 //! ```text
 //! share(expert, horizon) = softmax over the experts of
-//!     said(expert, anchor) - sum over the marks of sharpness(mark, anchor) * mark(expert, horizon)
+//!     logit(expert, anchor)
+//!     - sum over the scores of sharpness(score, anchor) * score(expert, horizon)
 //! ```
 //!
-//! The marks say how well each expert has done on this track; the network sees them too, beside the motion itself, and says how
-//! much they mean and what else speaks for each expert. It answers for three anchors, the first, a middle and the last horizon; in
-//! between its answers are interpolated. With them it gives the logarithm of the scale by which the ellipse of past errors
-//! should be larger or smaller at the moment.
+//! The scores measure how well each expert has done on this track. The network sees them too,
+//! together with features of the motion. Its outputs are a logit per expert and the sharpness of
+//! each score. It has outputs for three anchors, the first, a middle and the last horizon; in
+//! between they are interpolated. It also predicts the log scale of the error ellipse.
 
 use libm::expf;
 
-use crate::forecast::network::{Answer, Network};
-use crate::layout::{ANCHOR_AT, ANCHORS, ByExpert, EXPERTS, HORIZONS, INPUTS, MARKS, OUTPUTS, ROW};
+use crate::forecast::network::{Activations, Network};
+use crate::layout::{
+    ANCHOR_AT, ANCHORS, ByExpert, EXPERTS, HORIZONS, INPUTS, OUTPUTS, ROW, SCORES,
+};
 
-/// Most that the network may say for or against an expert: it can be overruled by the marks.
-const MOST_SAID: f32 = 5.0;
-/// Range of the logarithm of a sharpness.
+/// Maximum magnitude of a logit of the network, so that scores can overrule it.
+const MAX_LOGIT: f32 = 5.0;
+/// Range of the log of a sharpness.
 const SHARPNESS: core::ops::Range<f32> = -4.0..2.0;
-/// Largest mark that counts: far enough to leave nothing of an expert that is wrong where another is exact.
-const MOST_MARK: f32 = 40.0;
+/// Maximum score: large enough to exclude an expert that is wrong where another is exact.
+const MAX_SCORE: f32 = 40.0;
 
-/// Logarithm of a share, over the largest, below which it is none: a ten-thousandth.
-const LEAST_LOGIT: f32 = -9.2;
+/// Log of a share relative to the largest one, below which it becomes 0: a ten-thousandth.
+const MIN_LOG_SHARE: f32 = -9.2;
 
-/// What is known of a track.
+/// What the shares are computed from.
 #[derive(Debug, Clone, Copy)]
 pub struct Evidence {
-    /// What the network is told.
+    /// Inputs of the network.
     pub inputs: [f32; INPUTS],
-    /// The experts' marks, 0 for a good one.
-    pub marks: ByExpert<[f32; MARKS]>,
+    /// Scores of the experts, 0 for a good one.
+    pub scores: ByExpert<[f32; SCORES]>,
 }
 
-/// What follows from it.
+/// Output of the mixture.
 #[derive(Debug, Clone, Copy)]
 pub struct Shares {
-    /// The network's answer, for backpropagation.
-    pub answer: Answer,
-    /// The shares of a horizon add to 1.
+    /// Activations of the network, for backpropagation.
+    pub activations: Activations,
+    /// The shares at each horizon add up to 1.
     pub shares: ByExpert<f32>,
-    /// Logarithm of the ellipse's scale by horizon.
-    pub spread: [f32; HORIZONS],
+    /// Log scale of the ellipse by horizon.
+    pub log_scale: [f32; HORIZONS],
 }
 
-/// The share of every expert.
+/// Computes the share of every expert.
 #[must_use]
-pub fn weigh(network: &Network, evidence: &Evidence) -> Shares {
-    let answer = network.forward(&evidence.inputs);
-    let mut anchored = answer.outputs;
+pub fn gate(network: &Network, evidence: &Evidence) -> Shares {
+    let activations = network.forward(&evidence.inputs);
+    let mut anchored = activations.outputs;
     for row in anchored.chunks_exact_mut(ROW) {
-        let (said, rest) = row.split_at_mut(EXPERTS);
-        for said in said {
-            *said /= 1.0 + said.abs() / MOST_SAID;
+        let (logits, rest) = row.split_at_mut(EXPERTS);
+        for logit in logits {
+            *logit /= 1.0 + logit.abs() / MAX_LOGIT;
         }
-        for sharpness in &mut rest[..MARKS] {
+        for sharpness in &mut rest[..SCORES] {
             *sharpness = expf(sharpness.clamp(SHARPNESS.start, SHARPNESS.end));
         }
     }
     let mut shares = Shares {
-        answer,
+        activations,
         shares: [[0.0; EXPERTS]; HORIZONS],
-        spread: [0.0; HORIZONS],
+        log_scale: [0.0; HORIZONS],
     };
-    for (horizon, marks) in evidence.marks.iter().enumerate() {
+    for (horizon, scores) in evidence.scores.iter().enumerate() {
         let mut row = [0.0; ROW];
         for (weight, anchored) in anchor_weights(horizon)
             .iter()
@@ -75,76 +78,76 @@ pub fn weigh(network: &Network, evidence: &Evidence) -> Shares {
                 *value += weight * anchored;
             }
         }
-        let (said, rest) = row.split_at(EXPERTS);
+        let (network_logits, rest) = row.split_at(EXPERTS);
         let logits = &mut shares.shares[horizon];
-        for ((logit, said), marks) in logits.iter_mut().zip(said).zip(marks) {
-            *logit = *said;
-            for (sharpness, mark) in rest.iter().zip(marks) {
-                *logit -= sharpness * mark.min(MOST_MARK);
+        for ((logit, network_logit), scores) in logits.iter_mut().zip(network_logits).zip(scores) {
+            *logit = *network_logit;
+            for (sharpness, score) in rest.iter().zip(scores) {
+                *logit -= sharpness * score.min(MAX_SCORE);
             }
         }
         softmax(logits);
-        shares.spread[horizon] = rest[MARKS];
+        shares.log_scale[horizon] = rest[SCORES];
     }
     shares
 }
 
-/// Adds to `by_outputs`, the derivatives of a loss by the network's outputs, what follows from those by the logits of one
-/// horizon through what the network said of the experts.
-pub fn back_to_said(
-    answer: &Answer,
+/// Propagates derivatives of a loss by the logits of one horizon back to the network's outputs for
+/// the experts, and adds them to `by_outputs`.
+pub fn back_to_logits(
+    activations: &Activations,
     horizon: usize,
     by_logits: &[f32; EXPERTS],
     by_outputs: &mut [f32; OUTPUTS],
 ) {
-    for ((weight, outputs), by) in rows(answer, horizon, by_outputs) {
+    for ((weight, outputs), by) in rows(activations, horizon, by_outputs) {
         for ((by, output), by_logit) in by.iter_mut().zip(outputs).zip(by_logits) {
-            let slope = 1.0 / (1.0 + output.abs() / MOST_SAID);
+            let slope = 1.0 / (1.0 + output.abs() / MAX_LOGIT);
             *by += weight * by_logit * slope * slope;
         }
     }
 }
 
-/// The same through sharpness and spread, which are trained beforehand only.
+/// The same for the outputs for sharpness and ellipse scale, which are not trained online.
 pub fn back_to_sharpness(
     evidence: &Evidence,
-    answer: &Answer,
+    activations: &Activations,
     horizon: usize,
     by_logits: &[f32; EXPERTS],
-    by_spread: f32,
+    by_log_scale: f32,
     by_outputs: &mut [f32; OUTPUTS],
 ) {
-    let mut by_sharpness = [0.0; MARKS];
-    for (by_logit, marks) in by_logits.iter().zip(&evidence.marks[horizon]) {
-        for (by, mark) in by_sharpness.iter_mut().zip(marks) {
-            *by -= by_logit * mark.min(MOST_MARK);
+    let mut by_sharpness = [0.0; SCORES];
+    for (by_logit, scores) in by_logits.iter().zip(&evidence.scores[horizon]) {
+        for (by, score) in by_sharpness.iter_mut().zip(scores) {
+            *by -= by_logit * score.min(MAX_SCORE);
         }
     }
-    for ((weight, outputs), by) in rows(answer, horizon, by_outputs) {
+    for ((weight, outputs), by) in rows(activations, horizon, by_outputs) {
         for (i, by_sharpness) in by_sharpness.iter().enumerate() {
             let output = outputs[EXPERTS + i];
             if SHARPNESS.contains(&output) {
                 by[EXPERTS + i] += weight * by_sharpness * expf(output);
             }
         }
-        by[EXPERTS + MARKS] += weight * by_spread;
+        by[EXPERTS + SCORES] += weight * by_log_scale;
     }
 }
 
-/// The anchors that count at a horizon: their weight, outputs, and derivatives by these.
+/// Anchors with a non-zero weight at a horizon: weight, outputs, and derivatives by the outputs.
 fn rows<'a>(
-    answer: &'a Answer,
+    activations: &'a Activations,
     horizon: usize,
     by_outputs: &'a mut [f32; OUTPUTS],
 ) -> impl Iterator<Item = ((f32, &'a [f32]), &'a mut [f32])> {
     anchor_weights(horizon)
         .into_iter()
-        .zip(answer.outputs.chunks_exact(ROW))
+        .zip(activations.outputs.chunks_exact(ROW))
         .zip(by_outputs.chunks_exact_mut(ROW))
         .filter(|((weight, _), _)| *weight > 0.0)
 }
 
-/// Weight of each anchor at a horizon.
+/// Interpolation weight of each anchor at a horizon.
 fn anchor_weights(horizon: usize) -> [f32; ANCHORS] {
     let mut weights = [0.0; ANCHORS];
     let after = ANCHOR_AT[1..ANCHORS - 1]
@@ -158,14 +161,14 @@ fn anchor_weights(horizon: usize) -> [f32; ANCHORS] {
     weights
 }
 
-/// Logits become shares.
+/// Turns logits into shares.
 fn softmax(logits: &mut [f32; EXPERTS]) {
-    let most = logits.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
+    let max = logits.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
     let mut sum = 0.0;
     for logit in logits.iter_mut() {
-        *logit = match *logit - most {
-            // Nothing, so that nobody has to work out where such an expert sees the object.
-            below if below < LEAST_LOGIT => 0.0,
+        *logit = match *logit - max {
+            // Exactly 0, so that this expert need not be evaluated.
+            below if below < MIN_LOG_SHARE => 0.0,
             below => expf(below),
         };
         sum += *logit;
@@ -179,21 +182,21 @@ fn softmax(logits: &mut [f32; EXPERTS]) {
 mod tests {
     use super::*;
 
-    fn evidence(marks: impl Fn(usize) -> f32) -> Evidence {
+    fn evidence(scores: impl Fn(usize) -> f32) -> Evidence {
         let mut evidence = Evidence {
             inputs: [0.1; INPUTS],
-            marks: [[[0.0; MARKS]; EXPERTS]; HORIZONS],
+            scores: [[[0.0; SCORES]; EXPERTS]; HORIZONS],
         };
-        for row in &mut evidence.marks {
+        for row in &mut evidence.scores {
             for (expert, kept) in row.iter_mut().enumerate() {
-                *kept = [marks(expert); MARKS];
+                *kept = [scores(expert); SCORES];
             }
         }
         evidence
     }
 
     #[test]
-    fn anchors_are_met_exactly_and_interpolated() {
+    fn anchor_weights_are_exact_at_anchors() {
         for (anchor, at) in ANCHOR_AT.into_iter().enumerate() {
             let weights = anchor_weights(at);
             assert_eq!(weights[anchor], 1.0, "{weights:?}");
@@ -205,8 +208,8 @@ mod tests {
     }
 
     #[test]
-    fn an_expert_that_is_wrong_where_another_is_exact_has_nothing() {
-        let shares = weigh(
+    fn a_bad_expert_has_no_share_beside_an_exact_one() {
+        let shares = gate(
             &Network::START,
             &evidence(|e| if e == 8 { 0.0 } else { 30.0 }),
         );
@@ -217,17 +220,17 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_difference_quotients() {
+    fn derivatives_equal_difference_quotients() {
         let evidence = evidence(|e| 0.2 * e as f32);
-        // Of ln(share of expert 3 at horizon 2) by the logits: 1 - share, or -share.
+        // Derivative of ln(share of expert 3 at horizon 2) by the logits: 1 - share, or -share.
         let horizon = 2;
-        let loss = |network: &Network| f64::from(weigh(network, &evidence).shares[horizon][3]).ln();
+        let loss = |network: &Network| f64::from(gate(network, &evidence).shares[horizon][3]).ln();
         let network = Network::START;
-        let shares = weigh(&network, &evidence);
+        let shares = gate(&network, &evidence);
         let mut by_logits = shares.shares[horizon].map(|share| -share);
         by_logits[3] += 1.0;
         let mut by_outputs = [0.0; OUTPUTS];
-        back_to_said(&shares.answer, horizon, &by_logits, &mut by_outputs);
+        back_to_logits(&shares.activations, horizon, &by_logits, &mut by_outputs);
         for output in 0..EXPERTS {
             let changed = |by: f32| {
                 let mut network = network.clone();

@@ -1,8 +1,8 @@
-//! Motions that a few numbers describe, fitted to an object's last places by least squares: rest, a straight line,
-//! with walls or without, a parabola, and a constant turn (`turn`).
+//! The motion models: rest, a straight line with or without bounds, a parabola, and a constant
+//! turn.
 //!
-//! Everything is relative to the newest place and its moment, in seconds and units, so that uneven frames and
-//! far-away origins do not matter.
+//! Positions and times are relative to the newest sample, in units and seconds, so that an uneven
+//! frame rate and a distant origin do not matter.
 
 use libm::sinf;
 
@@ -12,8 +12,8 @@ use crate::forecast::past::Point;
 use crate::forecast::turn::turn;
 use crate::vector::{add, scale};
 
-/// Places ahead, relative to the newest place. Single precision: relative to a place nearby that is a millionth of
-/// the way, and it halves what a track weighs.
+/// Future positions relative to the newest position. Single precision is enough, about a millionth
+/// of the distance, and halves the size of a track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Motion {
     Rest {
@@ -28,25 +28,25 @@ pub(crate) enum Motion {
         velocity: [f32; 2],
         rate_rad_s: f32,
     },
-    /// Steady acceleration.
+    /// Constant acceleration.
     Parabola {
         origin: [f32; 2],
         velocity: [f32; 2],
         acceleration: [f32; 2],
     },
-    /// A straight line thrown back by walls, at the angle of incidence.
-    Walled {
+    /// A straight line that is reflected at the bounds.
+    Bounce {
         origin: [f32; 2],
         velocity: [f32; 2],
-        /// Lowest and highest coordinates.
-        walls: [[f32; 2]; 2],
+        /// Minimum and maximum coordinates.
+        bounds: [[f32; 2]; 2],
     },
 }
 
 impl Motion {
     pub(crate) const NONE: Self = Self::Rest { origin: [0.0; 2] };
 
-    /// Place `ahead_s` after the newest, relative to it.
+    /// Position `ahead_s` after the newest sample.
     pub(crate) fn at(&self, ahead_s: f32) -> [f32; 2] {
         let along = |origin: &[f32; 2], velocity: &[f32; 2], time_s: f32| {
             [
@@ -69,7 +69,7 @@ impl Motion {
                         ahead_s * (0.5 * angle),
                     ]
                 } else {
-                    // 1 - cos by the half angle keeps the digits.
+                    // 1 - cos from the half angle keeps its digits.
                     let half = sinf(0.5 * angle);
                     [sinf(angle) / rate_rad_s, 2.0 * half * half / rate_rad_s]
                 };
@@ -84,31 +84,31 @@ impl Motion {
                 let [x, y] = along(origin, velocity, ahead_s);
                 [x + acceleration[0] * half, y + acceleration[1] * half]
             }
-            Self::Walled {
+            Self::Bounce {
                 origin,
                 velocity,
-                walls,
+                bounds,
             } => {
-                let mut place = along(origin, velocity, ahead_s);
-                for (axis, place) in place.iter_mut().enumerate() {
-                    let (low, high) = (walls[0][axis], walls[1][axis]);
-                    if *place > high {
-                        *place = (2.0 * high - *place).max(low);
-                    } else if *place < low {
-                        *place = (2.0 * low - *place).min(high);
+                let mut position = along(origin, velocity, ahead_s);
+                for (axis, position) in position.iter_mut().enumerate() {
+                    let (low, high) = (bounds[0][axis], bounds[1][axis]);
+                    if *position > high {
+                        *position = (2.0 * high - *position).max(low);
+                    } else if *position < low {
+                        *position = (2.0 * low - *position).min(high);
                     }
                 }
-                place
+                position
             }
         }
     }
 
-    /// Velocity at the newest moment.
+    /// Velocity at the newest sample.
     pub(crate) fn velocity(&self) -> [f64; 2] {
         match self {
             Self::Rest { .. } => [0.0; 2],
             Self::Line { velocity, .. }
-            | Self::Walled { velocity, .. }
+            | Self::Bounce { velocity, .. }
             | Self::Parabola { velocity, .. }
             | Self::Turn { velocity, .. } => velocity.map(f64::from),
         }
@@ -118,7 +118,7 @@ impl Motion {
     pub(crate) fn turn_rate_rad_s(&self) -> f64 {
         match self {
             Self::Turn { rate_rad_s, .. } => f64::from(*rate_rad_s),
-            Self::Rest { .. } | Self::Line { .. } | Self::Walled { .. } | Self::Parabola { .. } => {
+            Self::Rest { .. } | Self::Line { .. } | Self::Bounce { .. } | Self::Parabola { .. } => {
                 0.0
             }
         }
@@ -127,15 +127,15 @@ impl Motion {
     /// The mean of the points.
     pub(crate) fn rest(points: &[Point]) -> Self {
         let n = points.len() as f64;
-        let mean = points
-            .iter()
-            .fold([0.0; 2], |sum, point| add(sum, scale(point.place, 1.0 / n)));
+        let mean = points.iter().fold([0.0; 2], |sum, point| {
+            add(sum, scale(point.position, 1.0 / n))
+        });
         Self::Rest {
             origin: single(mean),
         }
     }
 
-    /// The line through the points; rest at the newest for fewer than two.
+    /// A line through the points. Rest at the newest one for fewer than two.
     pub(crate) fn line(points: &[Point]) -> Self {
         match Line::fit(points) {
             Some(line) => Self::Line {
@@ -146,19 +146,19 @@ impl Motion {
         }
     }
 
-    /// The line through the points between walls, given by their lowest and highest coordinates.
-    pub(crate) fn walled(points: &[Point], walls: [[f64; 2]; 2]) -> Self {
+    /// A line through the points that is reflected at the bounds.
+    pub(crate) fn bounce(points: &[Point], bounds: [[f64; 2]; 2]) -> Self {
         match Line::fit(points) {
-            Some(line) => Self::Walled {
+            Some(line) => Self::Bounce {
                 origin: single(line.origin),
                 velocity: single(line.velocity),
-                walls: walls.map(single),
+                bounds: bounds.map(single),
             },
             None => Self::NONE,
         }
     }
 
-    /// The parabola through the points; a line for fewer than three.
+    /// A parabola through the points. A line for fewer than three.
     pub(crate) fn parabola(points: &[Point]) -> Self {
         match parabola(points) {
             Some([origin, velocity, acceleration]) => Self::Parabola {
@@ -170,9 +170,10 @@ impl Motion {
         }
     }
 
-    /// The turn through the points, no faster than given; a line for fewer than three or where they stay in place.
-    pub(crate) fn turn(points: &[Point], most_rad_s: f64) -> Self {
-        match turn(points, most_rad_s) {
+    /// A turn through the points with a limited rate. A line for fewer than three points, or if
+    /// they do not move.
+    pub(crate) fn turn(points: &[Point], max_rad_s: f64) -> Self {
+        match turn(points, max_rad_s) {
             Some((origin, velocity, rate)) => Self::Turn {
                 origin: single(origin),
                 velocity: single(velocity),
@@ -194,18 +195,23 @@ mod tests {
     use crate::vector::{norm_squared, sub};
     use libm::{cos, sin};
 
-    fn error(motion: &Motion, ahead_s: f64, newest_s: f64, place: impl Fn(f64) -> [f64; 2]) -> f64 {
-        let expected = sub(place(newest_s + ahead_s), place(newest_s));
+    fn error(
+        motion: &Motion,
+        ahead_s: f64,
+        newest_s: f64,
+        position: impl Fn(f64) -> [f64; 2],
+    ) -> f64 {
+        let expected = sub(position(newest_s + ahead_s), position(newest_s));
         norm_squared(sub(motion.at(ahead_s as f32).map(f64::from), expected))
     }
 
     #[test]
     fn line_is_exact_on_a_line() {
-        let place = |t: f64| [1000.0 + 30.0 * t, -7.0 * t];
+        let position = |t: f64| [1000.0 + 30.0 * t, -7.0 * t];
         for n in 2..9 {
-            let (points, newest_s) = points(n, place);
+            let (points, newest_s) = points(n, position);
             let line = Motion::line(&points);
-            assert!(error(&line, 1.0, newest_s, place) < 1e-8, "{n} samples");
+            assert!(error(&line, 1.0, newest_s, position) < 1e-8, "{n} samples");
             assert!((line.velocity()[0] - 30.0).abs() < 1e-5);
         }
         assert_eq!(Motion::line(&[]), Motion::NONE);
@@ -214,18 +220,18 @@ mod tests {
     #[test]
     fn turn_is_exact_on_circles_from_three_points_on() {
         for rate in [-4.0_f64, -0.5, 1e-3, 0.7, 3.0] {
-            let place = |t: f64| [500.0 + 60.0 * sin(rate * t), 60.0 * cos(rate * t)];
+            let position = |t: f64| [500.0 + 60.0 * sin(rate * t), 60.0 * cos(rate * t)];
             for n in 3..12 {
-                let (points, newest_s) = points(n, place);
+                let (points, newest_s) = points(n, position);
                 let turn = Motion::turn(&points, 9.0);
-                let error = error(&turn, 1.0, newest_s, place);
+                let error = error(&turn, 1.0, newest_s, position);
                 assert!(error < 1e-6, "{rate} {n}: {error:?}");
             }
         }
     }
 
     #[test]
-    fn turn_of_a_jittering_line_is_nearly_a_line() {
+    fn turn_of_a_noisy_line_is_almost_a_line() {
         let (points, _) = points(8, |t| {
             let jitter = 0.3 * cos(core::f64::consts::PI * 15.0 * t);
             [50.0 * t, jitter]
@@ -235,18 +241,18 @@ mod tests {
     }
 
     #[test]
-    fn nothing_turns_at_rest() {
+    fn an_object_at_rest_does_not_turn() {
         let (points, _) = points(8, |_| [1.0, 2.0]);
         let rest = Motion::turn(&points, 9.0);
         assert_eq!((rest.at(2.0), rest.turn_rate_rad_s()), ([0.0; 2], 0.0));
     }
 
     #[test]
-    fn walls_throw_a_line_back() {
-        let motion = Motion::Walled {
+    fn bounds_reflect_a_line() {
+        let motion = Motion::Bounce {
             origin: [0.0; 2],
             velocity: [10.0, 4.0],
-            walls: [[-5.0, -5.0], [6.0, 100.0]],
+            bounds: [[-5.0, -5.0], [6.0, 100.0]],
         };
         assert_eq!(motion.at(0.5), [5.0, 2.0]);
         assert_eq!(motion.at(1.0), [2.0, 4.0]);

@@ -1,46 +1,48 @@
 //! The neural network of section 3.1.2: one hidden layer of tanh units, trained by backpropagation.
 //!
-//! Plain numbers in, plain numbers out; what they mean is the business of `inputs` and `mixture`. It starts from weights
-//! that were made beforehand from generated motions, and every step of training pulls it back towards them, so that a
-//! track which has nothing to teach does not drift, and no weight can leave for ever. An input that is still zero trains
-//! none of its weights, so the network grows with its inputs.
+//! This file knows only arrays of numbers. `inputs` and `mixture` give them their meaning. The
+//! network starts from weights trained on generated motions. Every online training step pulls it
+//! back towards them, so that it does not drift on a track that has nothing to teach, and no change
+//! of a weight is permanent. An input that is still zero does not train its weights.
 //!
-//! Cost: `forward` [`WEIGHTS`] multiplications and [`HIDDEN`] tanh, a step of training twice that.
+//! Cost: `forward` takes [`WEIGHTS`] multiplications and [`HIDDEN`] tanh, a training step twice
+//! that.
 
 use libm::{sqrtf, tanhf};
 
 use crate::layout::{EXPERTS, HIDDEN, HIDDEN_WEIGHTS, INPUTS, OUTPUTS, ROW, WEIGHTS};
 
-/// Steps of a stored start weight in one unit.
+/// Stored start weights are integers in units of 1 / `STORED_PER_UNIT`.
 pub const STORED_PER_UNIT: f32 = 1024.0;
 
-/// Weights, or in the same shape their gradient.
+/// Weights, or a gradient of the same shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
-    /// By input: its weight for every hidden unit; the units' biases; by hidden unit: its weight for every output; the outputs'
-    /// biases. So ordered, all sums are of rows, which a processor adds several numbers at a time, always in the same order.
+    /// By input, its weight for every hidden unit; then the biases of these units; by hidden unit,
+    /// its weight for every output; then the biases of the outputs. In this order all sums run
+    /// along rows, which a processor adds several numbers at a time, always in the same order.
     pub weights: [f32; WEIGHTS],
 }
 
-/// What the network says, and what backpropagation needs of how it came to it.
+/// The outputs of the network, and what backpropagation needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Answer {
+pub struct Activations {
     hidden: [f32; HIDDEN],
-    /// The network's outputs.
+    /// Outputs of the network.
     pub outputs: [f32; OUTPUTS],
 }
 
-/// How a step of training goes.
+/// Parameters of a training step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Descent {
-    /// Part of the gradient that is followed.
+pub(crate) struct GradientStep {
+    /// Learning rate.
     pub(crate) rate: f32,
-    /// Length beyond which a gradient is shortened: one wild sample must not tear the weights away.
-    pub(crate) most: f32,
+    /// Longer gradients are shortened to this norm, so that an outlier does not ruin the weights.
+    pub(crate) max_norm: f32,
 }
 
-impl Answer {
-    /// Of no network.
+impl Activations {
+    /// A placeholder.
     pub(crate) const NONE: Self = Self {
         hidden: [0.0; HIDDEN],
         outputs: [0.0; OUTPUTS],
@@ -55,51 +57,52 @@ impl Network {
         weights: stored(include_bytes!("start_weights.bin")),
     };
 
-    /// The network's answer.
+    /// Evaluates the network.
     #[must_use]
-    pub fn forward(&self, inputs: &[f32; INPUTS]) -> Answer {
+    pub fn forward(&self, inputs: &[f32; INPUTS]) -> Activations {
         let (first, second) = self.weights.split_at(HIDDEN_WEIGHTS);
         let hidden = layer::<HIDDEN>(first, inputs).map(tanhf);
         let outputs = layer(second, &hidden);
-        Answer { hidden, outputs }
+        Activations { hidden, outputs }
     }
 
-    /// One step of backpropagation, given the derivatives of a loss by the outputs. Weights that are not finite
-    /// put the network back to its start.
+    /// One step of backpropagation, given the derivatives of a loss by the outputs. If the gradient
+    /// is not finite, the network returns to its start weights.
     pub(crate) fn train(
         &mut self,
         inputs: &[f32; INPUTS],
-        answer: &Answer,
+        activations: &Activations,
         by_outputs: &[f32; OUTPUTS],
-        descent: Descent,
+        step: GradientStep,
     ) {
-        let by_hidden = self.by_hidden(answer, by_outputs);
-        // The gradient's entries are products, so its length is made of those of the factors.
+        let by_hidden = self.by_hidden(activations, by_outputs);
+        // The entries of the gradient are products, so its norm follows from the norms of the
+        // factors.
         let length = sqrtf(
-            squared(by_outputs) * (1.0 + squared(&answer.hidden))
-                + squared(&by_hidden) * (1.0 + squared(inputs)),
+            norm_squared(by_outputs) * (1.0 + norm_squared(&activations.hidden))
+                + norm_squared(&by_hidden) * (1.0 + norm_squared(inputs)),
         );
-        let rate = descent.rate * (descent.most / length).min(1.0);
+        let rate = step.rate * (step.max_norm / length).min(1.0);
         let (first, second) = self.weights.split_at_mut(HIDDEN_WEIGHTS);
         add_products(first, -rate, inputs, &by_hidden);
-        add_products(second, -rate, &answer.hidden, by_outputs);
+        add_products(second, -rate, &activations.hidden, by_outputs);
         if !length.is_finite() {
             *self = Self::START;
         }
     }
 
-    /// Goes a part of the way back to the start weights.
+    /// Moves the weights part of the way back to the start weights.
     pub(crate) fn pull_back(&mut self, part: f32) {
         for (weight, start) in self.weights.iter_mut().zip(&START.weights) {
             *weight -= part * (*weight - start);
         }
     }
 
-    /// Derivatives by what goes into each hidden unit.
-    fn by_hidden(&self, answer: &Answer, by_outputs: &[f32; OUTPUTS]) -> [f32; HIDDEN] {
+    /// Derivatives by the sums that enter the hidden units.
+    fn by_hidden(&self, activations: &Activations, by_outputs: &[f32; OUTPUTS]) -> [f32; HIDDEN] {
         let mut by_hidden = [0.0; HIDDEN];
         let rows = self.weights[HIDDEN_WEIGHTS..].chunks_exact(OUTPUTS);
-        for ((by_unit, unit), row) in by_hidden.iter_mut().zip(&answer.hidden).zip(rows) {
+        for ((by_unit, unit), row) in by_hidden.iter_mut().zip(&activations.hidden).zip(rows) {
             *by_unit = dot(row, by_outputs) * (1.0 - unit * unit);
         }
         by_hidden
@@ -110,24 +113,24 @@ impl Network {
         &mut self.weights[HIDDEN_WEIGHTS + HIDDEN * OUTPUTS + output]
     }
 
-    /// Adds to `gradient` that of a loss whose derivatives by the outputs are given.
+    /// Adds the gradient of a loss, given its derivatives by the outputs, to `gradient`.
     pub fn add_gradient(
         &self,
         inputs: &[f32; INPUTS],
-        answer: &Answer,
+        activations: &Activations,
         by_outputs: &[f32; OUTPUTS],
         gradient: &mut Self,
     ) {
-        let by_hidden = self.by_hidden(answer, by_outputs);
+        let by_hidden = self.by_hidden(activations, by_outputs);
         let (first, second) = gradient.weights.split_at_mut(HIDDEN_WEIGHTS);
         add_products(first, 1.0, inputs, &by_hidden);
-        add_products(second, 1.0, &answer.hidden, by_outputs);
+        add_products(second, 1.0, &activations.hidden, by_outputs);
     }
 
-    /// Whether a weight is to be held small: all but what is said of sharpness and ellipses whatever the inputs, since no measure of
-    /// these is more natural than another.
+    /// Whether training applies weight decay to a weight. The biases of sharpness and ellipse scale
+    /// are exempt, since zero is no natural value for them.
     #[must_use]
-    pub fn is_restrained(weight: usize) -> bool {
+    pub fn is_decayed(weight: usize) -> bool {
         let Some(output_weight) = weight.checked_sub(HIDDEN_WEIGHTS) else {
             return true;
         };
@@ -137,7 +140,7 @@ impl Network {
     }
 }
 
-/// What goes into every unit of a layer.
+/// The sums that enter the units of a layer.
 fn layer<const UNITS: usize>(weights: &[f32], inputs: &[f32]) -> [f32; UNITS] {
     let (rows, biases) = weights.as_chunks::<UNITS>().0.split_at(inputs.len());
     let mut sums = biases[0];
@@ -149,7 +152,7 @@ fn layer<const UNITS: usize>(weights: &[f32], inputs: &[f32]) -> [f32; UNITS] {
     sums
 }
 
-/// Adds to a layer's weights `factor` times each input times each unit's slope; a bias's input is 1.
+/// Adds `factor` times input times slope to each weight of a layer. The input of a bias is 1.
 fn add_products<const UNITS: usize>(
     weights: &mut [f32],
     factor: f32,
@@ -165,11 +168,12 @@ fn add_products<const UNITS: usize>(
     }
 }
 
-fn squared(values: &[f32]) -> f32 {
+fn norm_squared(values: &[f32]) -> f32 {
     dot(values, values)
 }
 
-/// In eight sums that a processor can add side by side, always in the same order, so that the result is the same everywhere.
+/// Dot product in eight partial sums, which a processor can add in parallel, always in the same
+/// order, so that the result is the same everywhere.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0_f32; 8];
     let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -183,7 +187,8 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     sums.iter().sum::<f32>() + rest
 }
 
-/// Stored weights: 16 bits each, little-endian; all zero for no bytes, from which a network of a new shape is made first.
+/// Decodes stored weights: 16 bits each, little-endian. Without bytes all weights are zero, which
+/// is where a network of a new shape starts.
 const fn stored(bytes: &[u8]) -> [f32; WEIGHTS] {
     let mut weights = [0.0; WEIGHTS];
     if bytes.is_empty() {
@@ -208,9 +213,9 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    const DESCENT: Descent = Descent {
+    const GRADIENT_STEP: GradientStep = GradientStep {
         rate: 0.01,
-        most: 1.0,
+        max_norm: 1.0,
     };
 
     fn inputs(seed: usize) -> [f32; INPUTS] {
@@ -218,8 +223,8 @@ mod tests {
     }
 
     /// Half the squared distance from a target, and its derivatives by the outputs.
-    fn loss(answer: &Answer, target: &[f32; OUTPUTS]) -> (f64, [f32; OUTPUTS]) {
-        let errors = core::array::from_fn(|i| answer.outputs[i] - target[i]);
+    fn loss(activations: &Activations, target: &[f32; OUTPUTS]) -> (f64, [f32; OUTPUTS]) {
+        let errors = core::array::from_fn(|i| activations.outputs[i] - target[i]);
         let sum = errors
             .iter()
             .map(|e| 0.5 * f64::from(*e) * f64::from(*e))
@@ -228,15 +233,15 @@ mod tests {
     }
 
     #[test]
-    fn gradient_is_the_difference_quotient() {
+    fn gradient_equals_difference_quotient() {
         let network = Network::START;
         let (inputs, target) = (inputs(1), [0.3; OUTPUTS]);
-        let answer = network.forward(&inputs);
-        let (_, by_outputs) = loss(&answer, &target);
+        let activations = network.forward(&inputs);
+        let (_, by_outputs) = loss(&activations, &target);
         let mut gradient = Network {
             weights: [0.0; WEIGHTS],
         };
-        network.add_gradient(&inputs, &answer, &by_outputs, &mut gradient);
+        network.add_gradient(&inputs, &activations, &by_outputs, &mut gradient);
         for weight in (0..WEIGHTS).step_by(37) {
             let at = |by: f32| {
                 let mut changed = network.clone();
@@ -253,38 +258,44 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_training_goes_down_the_gradient_and_no_further_than_allowed() {
+    fn training_descends_the_gradient_within_the_maximum_norm() {
         let (inputs, target) = (inputs(2), [-0.4; OUTPUTS]);
-        for most in [1e9, 0.5] {
+        for max_norm in [1e9, 0.5] {
             let mut network = Network::START;
-            let answer = network.forward(&inputs);
-            let (before, by_outputs) = loss(&answer, &target);
+            let activations = network.forward(&inputs);
+            let (before, by_outputs) = loss(&activations, &target);
             let mut gradient = Network {
                 weights: [0.0; WEIGHTS],
             };
-            network.add_gradient(&inputs, &answer, &by_outputs, &mut gradient);
-            let length = squared(&gradient.weights).sqrt();
-            let descent = Descent { rate: 1e-3, most };
-            network.train(&inputs, &answer, &by_outputs, descent);
-            let moved: Vec<f32> = (network.weights.iter().zip(&START.weights))
+            network.add_gradient(&inputs, &activations, &by_outputs, &mut gradient);
+            let length = norm_squared(&gradient.weights).sqrt();
+            let step = GradientStep {
+                rate: 1e-3,
+                max_norm,
+            };
+            network.train(&inputs, &activations, &by_outputs, step);
+            let change: Vec<f32> = (network.weights.iter().zip(&START.weights))
                 .map(|(now, start)| now - start)
                 .collect();
-            let expected = 1e-3 * length.min(most);
-            let moved = squared(&moved).sqrt();
-            assert!((moved / expected - 1.0).abs() < 0.02, "{moved} {expected}");
+            let expected = 1e-3 * length.min(max_norm);
+            let change = norm_squared(&change).sqrt();
+            assert!(
+                (change / expected - 1.0).abs() < 0.02,
+                "{change} {expected}"
+            );
             assert!(loss(&network.forward(&inputs), &target).0 < before);
         }
     }
 
     #[test]
-    fn goes_back_to_its_start_when_there_is_nothing_to_learn() {
+    fn pull_back_converges_to_the_start_weights() {
         let mut network = Network::START;
         for weight in &mut network.weights {
             *weight += 0.5;
         }
         for _ in 0..2000 {
-            let answer = network.forward(&inputs(3));
-            network.train(&inputs(3), &answer, &[0.0; OUTPUTS], DESCENT);
+            let activations = network.forward(&inputs(3));
+            network.train(&inputs(3), &activations, &[0.0; OUTPUTS], GRADIENT_STEP);
             network.pull_back(0.01);
         }
         for (weight, start) in network.weights.iter().zip(&START.weights) {
@@ -293,13 +304,13 @@ mod tests {
     }
 
     #[test]
-    fn starts_again_when_a_number_is_not_finite() {
+    fn resets_when_a_gradient_is_not_finite() {
         for bad in [f32::NAN, f32::INFINITY] {
             let mut network = Network::START;
-            let answer = network.forward(&inputs(4));
-            network.train(&inputs(4), &answer, &[bad; OUTPUTS], DESCENT);
+            let activations = network.forward(&inputs(4));
+            network.train(&inputs(4), &activations, &[bad; OUTPUTS], GRADIENT_STEP);
             assert_eq!(network, Network::START);
-            network.train(&[bad; INPUTS], &answer, &[1.0; OUTPUTS], DESCENT);
+            network.train(&[bad; INPUTS], &activations, &[1.0; OUTPUTS], GRADIENT_STEP);
             assert_eq!(network, Network::START);
         }
     }

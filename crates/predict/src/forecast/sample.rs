@@ -1,19 +1,19 @@
-//! What training takes from one frame.
+//! A training sample.
 
 use crate::forecast::mixture::Evidence;
 use crate::layout::{ByExpert, HORIZONS};
 
-/// What one frame can teach.
+/// The training sample of one frame.
 #[derive(Debug, Clone)]
-pub struct Lesson {
-    /// What was known.
+pub struct TrainingSample {
+    /// What the shares are computed from.
     pub evidence: Evidence,
-    /// The horizons.
+    /// The horizons in seconds.
     pub times_s: [f64; HORIZONS],
-    /// By horizon and expert, relative to the newest place.
-    pub places: ByExpert<[f32; 2]>,
-    /// Ellipses before the network has a say: along, both, across.
+    /// Forecasts by horizon and expert, relative to the newest position.
+    pub positions: ByExpert<[f32; 2]>,
+    /// Ellipses before the network scales them: along, both, across.
     pub ellipses: [[f32; 3]; HORIZONS],
-    /// Direction of motion, the ellipses' axis.
+    /// Direction of motion, the axis of the ellipses.
     pub direction: [f32; 2],
 }

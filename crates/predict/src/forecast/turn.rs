@@ -1,36 +1,38 @@
-//! The constant turn that fits some places best.
+//! Least-squares fit of a constant turn.
 //!
 //! An object that moves at constant speed and turns at the constant rate w is at
 //!
 //! ```text
-//! p(t) = p0 + v * g(t),   g(t) = (sin wt + i (1 - cos wt)) / w      (places as complex numbers, t = 0 newest)
+//! p(t) = p0 + v * g(t),   g(t) = (sin wt + i (1 - cos wt)) / w
 //! ```
 //!
-//! For a given w this is linear in p0 and v, so these two are eliminated (variable projection) and Gauss-Newton
-//! searches for w alone. The start comes from two chords: a chord of an arc is parallel to the tangent at the
-//! middle of its time, so the angle between the chords over the older and the newer samples, divided by the time
-//! between the middles, is w, exactly so without noise.
+//! with positions as complex numbers and t = 0 at the newest sample. For a given w this is linear
+//! in p0 and v. These two are eliminated (variable projection), and Gauss-Newton searches for w
+//! alone. The search starts from two chords: a chord of an arc is parallel to the tangent at the
+//! middle of its time. The angle between the chords over the older and the newer samples, divided
+//! by the time between their middles, is therefore w, exactly so without noise.
 //!
-//! A turn rate found in noise bends a forecast badly. The rate is therefore scaled by 1 - var(w)/w², not below 0
-//! (the positive-part James-Stein factor): a rate that stands out of its own uncertainty stays, another vanishes
-//! and leaves a line.
+//! A turn rate fitted to noise ruins a forecast. The rate is therefore scaled by 1 - var(w)/w², not
+//! below 0 (the positive-part James-Stein factor). A rate well above its uncertainty stays; any
+//! other vanishes and leaves a line.
 
 use libm::{atan2, sincos};
 
 use crate::forecast::past::{Point, weight};
 use crate::vector::{add, complex_mul, conjugate, norm_squared, scale, sub};
 
-/// Place and velocity at the newest moment, and the turn rate; `None` for fewer than three points or if they do not
-/// move.
-pub(crate) fn turn(points: &[Point], most_rad_s: f64) -> Option<([f64; 2], [f64; 2], f64)> {
+/// Position and velocity at the newest sample, and the turn rate. `None` for fewer than three
+/// points, or if they do not move.
+pub(crate) fn turn(points: &[Point], max_rad_s: f64) -> Option<([f64; 2], [f64; 2], f64)> {
     if points.len() < 3 {
         return None;
     }
-    let mut rate = rate_from_chords(points)?.clamp(-most_rad_s, most_rad_s);
+    let mut rate = rate_from_chords(points)?.clamp(-max_rad_s, max_rad_s);
     let mut fit = TurnFit::of(points, rate)?;
-    // Three points determine the rate without remainder; of more, a second step would change nothing that matters.
+    // Three points determine the rate exactly. For more points, a second step would make no
+    // difference.
     if points.len() > 3 && fit.information > 0.0 {
-        rate = (rate + fit.gradient / fit.information).clamp(-most_rad_s, most_rad_s);
+        rate = (rate + fit.gradient / fit.information).clamp(-max_rad_s, max_rad_s);
         fit = TurnFit::of(points, rate)?;
     }
     let certainty = fit.certainty(points.len(), rate);
@@ -41,13 +43,13 @@ pub(crate) fn turn(points: &[Point], most_rad_s: f64) -> Option<([f64; 2], [f64;
     Some((fit.origin, fit.velocity, rate))
 }
 
-/// Angle between the chord over the older half of the points and that over the newer half, by the time between the
-/// middles of the two; `None` if a chord has no direction.
+/// Angle between the chords over the older and the newer half of the points, divided by the time
+/// between the middles of the halves. `None` if a chord has no direction.
 fn rate_from_chords(points: &[Point]) -> Option<f64> {
     let (newest, oldest) = (points.first()?, points.last()?);
     let middle = &points[points.len() / 2];
-    let older = sub(middle.place, oldest.place);
-    let newer = sub(newest.place, middle.place);
+    let older = sub(middle.position, oldest.position);
+    let newer = sub(newest.position, middle.position);
     let [dot, cross] = complex_mul(newer, conjugate(older));
     if cross == 0.0 && dot == 0.0 {
         return None;
@@ -55,22 +57,23 @@ fn rate_from_chords(points: &[Point]) -> Option<f64> {
     Some(atan2(cross, dot) / (0.5 * -oldest.time_s))
 }
 
-/// The best p0 and v for a turn rate, and how their squared residual changes with it.
+/// The best p0 and v for a turn rate, and how the squared residual changes with the rate.
 struct TurnFit {
     origin: [f64; 2],
     velocity: [f64; 2],
-    /// Weighed sum of squared residuals.
+    /// Weighted sum of squared residuals.
     residual: f64,
-    /// Half the fall of `residual` for a small rise of the rate, for each rad/s.
+    /// Half the decrease of `residual` per rad/s of the rate.
     gradient: f64,
-    /// Gauss-Newton's curvature; noise variance divided by it is the variance of the rate.
+    /// Gauss-Newton curvature. The noise variance divided by it is the variance of the rate.
     information: f64,
 }
 
 impl TurnFit {
     fn of(points: &[Point], rate: f64) -> Option<Self> {
         let oldest_s = points.last()?.time_s;
-        // With residual r = p - p0 - v g and its derivative v g', both are made of the weighted sums of these.
+        // With the residual r = p - p0 - v g and its derivative v g', both follow from these
+        // weighted sums.
         let (mut n, mut g, mut g_squared) = (0.0, [0.0; 2], 0.0);
         let (mut d, mut d_squared, mut d_by_g) = ([0.0; 2], 0.0, [0.0; 2]);
         let (mut p, mut p_squared, mut p_by_g, mut p_by_d) = ([0.0; 2], 0.0, [0.0; 2], [0.0; 2]);
@@ -78,7 +81,7 @@ impl TurnFit {
             let weight = weight(point, oldest_s);
             let (arc, derivative) = arc(rate, point.time_s);
             let [weighed_arc, weighed_derivative, weighed_place] =
-                [arc, derivative, point.place].map(|vector| scale(vector, weight));
+                [arc, derivative, point.position].map(|vector| scale(vector, weight));
             n += weight;
             g = add(g, weighed_arc);
             g_squared += weight * norm_squared(arc);
@@ -86,11 +89,11 @@ impl TurnFit {
             d_squared += weight * norm_squared(derivative);
             d_by_g = add(d_by_g, complex_mul(weighed_derivative, conjugate(arc)));
             p = add(p, weighed_place);
-            p_squared += weight * norm_squared(point.place);
+            p_squared += weight * norm_squared(point.position);
             p_by_g = add(p_by_g, complex_mul(weighed_place, conjugate(arc)));
             p_by_d = add(p_by_d, complex_mul(weighed_place, conjugate(derivative)));
         }
-        // About the means, which takes p0 out.
+        // About the means, which eliminates p0.
         let about = |product: [f64; 2], a: [f64; 2], b: [f64; 2]| {
             sub(product, scale(complex_mul(a, conjugate(b)), 1.0 / n))
         };
@@ -103,7 +106,7 @@ impl TurnFit {
         let origin = scale(sub(p, complex_mul(velocity, g)), 1.0 / n);
         let residual =
             (p_squared - norm_squared(p) / n - norm_squared(velocity) * g_spread).max(0.0);
-        // Real part of r by the conjugate of v g', summed.
+        // Sum of the real part of r times the conjugate of v g'.
         let slope = sub(p_by_d, complex_mul(velocity, conjugate(d_by_g)));
         let gradient = slope[0] * velocity[0] + slope[1] * velocity[1];
         let information = norm_squared(velocity) * (d_spread - norm_squared(d_by_g) / g_spread);
@@ -119,14 +122,14 @@ impl TurnFit {
         })
     }
 
-    /// Part of the rate that stands out of its uncertainty: 1 - var(w)/w², or nothing. The variance is that of weights which say how
-    /// certain places are; of equally certain ones it is about a sixth larger.
+    /// The factor 1 - var(w)/w², or 0. The variance assumes that the weights are inverse variances.
+    /// For points of equal variance it is about a sixth larger.
     fn certainty(&self, n_points: usize, rate: f64) -> f64 {
         let freedom = (2 * n_points).saturating_sub(5) as f64;
         let variance = self.residual / freedom / self.information;
         let certainty = 1.0 - variance / (rate * rate);
-        // Points that do not determine the rate give no information, and the comparison fails for what is then no
-        // number.
+        // Points that do not determine the rate have no information. The comparison is then false
+        // for NaN.
         if self.information > 0.0 && certainty > 0.0 {
             certainty
         } else {
@@ -135,8 +138,8 @@ impl TurnFit {
     }
 }
 
-/// g(t) of the module's documentation and its derivative by the turn rate; their series where the quotients lose
-/// their digits.
+/// g(t) of the module documentation and its derivative by the turn rate. Near zero, a series
+/// replaces the quotients, which would lose their digits.
 fn arc(rate: f64, time_s: f64) -> ([f64; 2], [f64; 2]) {
     let angle = rate * time_s;
     let squared = time_s * time_s;
@@ -165,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn derivative_of_the_arc_is_its_difference_quotient() {
+    fn derivative_of_the_arc_equals_difference_quotient() {
         for (rate, time_s) in [(0.5, -0.4), (-3.0, 0.9), (1e-3, -0.5), (0.0, 0.3)] {
             let h = 1e-5;
             let (_, analytic) = arc(rate, time_s);

@@ -1,26 +1,28 @@
-//! Which observation belongs to which track: all at once, each used once, at the least cost together.
+//! Optimal assignment of observations to tracks, each used at most once.
 //!
-//! Section 3.1.1 of the paper gives every track the observation nearest to its expected place, so that two tracks
-//! may share one where objects cross; that costs tens of times more identity switches than exclusive assignment. Here the sum of
-//! the costs of all pairs is least (the Hungarian method by shortest augmenting paths, Jonker and Volgenant), a track
-//! that goes without an observation costing something, too.
+//! In section 3.1.1 of the paper, every track takes the observation nearest to its expected
+//! position, so two tracks may share one where objects cross. That causes tens of times more
+//! identity switches than exclusive assignment. Here the sum of all costs is minimal (the Hungarian
+//! method by shortest augmenting paths, Jonker and Volgenant). A track without an observation has a
+//! cost, too.
 //!
-//! Cost: tracks x observations, and as much again for every track along the path on which others move on to make room.
+//! Cost: tracks x observations, and as much again for every track on an augmenting path.
 
 use crate::limits::{MAX_OBSERVATIONS, MAX_TRACKS};
 
-/// What a track may be given: the observations, or nothing, for which each track has a column of its own.
+/// The columns of the cost matrix: the observations, and one per track for no observation.
 const COLUMNS: usize = MAX_OBSERVATIONS + MAX_TRACKS;
 
-/// Adds to `observation_of` (one entry a track) the best pairs among the tracks without an observation and the
-/// observations not `taken`.
+/// Adds the best pairs of tracks without an observation and observations not `taken` to
+/// `observation_of`, which has one entry per track.
 ///
-/// `cost(track, observation)` is `None` for a pair that must not be; `unseen(track)` is the cost of leaving a track
-/// without. Costs are finite.
+/// `cost(track, observation)` is `None` for a forbidden pair. `miss_cost(track)` is the cost of a
+/// track without an observation. Costs are finite.
 ///
 /// # Panics
 ///
-/// If there are more than [`MAX_TRACKS`] tracks or [`MAX_OBSERVATIONS`] observations, or if a cost is not finite.
+/// If there are more than [`MAX_TRACKS`] tracks or [`MAX_OBSERVATIONS`] observations, or if a cost
+/// is not finite.
 pub(crate) fn assign(
     observation_of: &mut [Option<usize>],
     taken: &mut [bool],
@@ -59,8 +61,8 @@ pub(crate) fn assign(
     }
 }
 
-/// The row of every column, such that every row has one and the sum of the costs is least. Every row must have a column
-/// that no other can have.
+/// The row of every column, such that every row has a column and the sum of the costs is minimal.
+/// Every row must have a column that is forbidden to all others.
 fn assign_rows(
     n_rows: usize,
     n_columns: usize,
@@ -69,8 +71,8 @@ fn assign_rows(
     let mut row_of = [None; COLUMNS];
     let (mut row_price, mut column_price) = ([0.0; MAX_TRACKS], [0.0; COLUMNS]);
     for new_row in 0..n_rows {
-        // Dijkstra's search, over reduced costs, for the nearest column that is free.
-        let mut least = [f64::INFINITY; COLUMNS];
+        // Dijkstra's search over reduced costs for the nearest free column.
+        let mut distance = [f64::INFINITY; COLUMNS];
         let mut from = [None; COLUMNS];
         let mut done = [false; COLUMNS];
         let (mut row, mut column) = (new_row, None);
@@ -79,13 +81,13 @@ fn assign_rows(
             for other in (0..n_columns).filter(|other| !done[*other]) {
                 if let Some(cost) = cost(row, other) {
                     let reduced = cost - row_price[row] - column_price[other];
-                    if reduced < least[other] {
-                        least[other] = reduced;
+                    if reduced < distance[other] {
+                        distance[other] = reduced;
                         from[other] = column;
                     }
                 }
-                if least[other] < step {
-                    (next, step) = (other, least[other]);
+                if distance[other] < step {
+                    (next, step) = (other, distance[other]);
                 }
             }
             assert!(step.is_finite(), "costs are finite");
@@ -97,7 +99,7 @@ fn assign_rows(
                         row_price[row] += step;
                         column_price[other] -= step;
                     }
-                    _ => least[other] -= step,
+                    _ => distance[other] -= step,
                 }
             }
             done[next] = true;
@@ -107,7 +109,7 @@ fn assign_rows(
                 None => break next,
             }
         };
-        // Along the path every row moves on by one column.
+        // Every row on the path moves on by one column.
         let mut to = free_column;
         while let Some(before) = from[to] {
             row_of[to] = row_of[before];
@@ -126,28 +128,28 @@ mod tests {
     use std::vec;
     use std::vec::Vec;
 
-    const UNSEEN: f64 = 7.0;
+    const MISS_COST: f64 = 7.0;
 
-    /// Least cost of all ways to give observations: the definition.
-    fn least_cost(costs: &[Vec<Option<u8>>], free: &mut [bool]) -> f64 {
+    /// Minimum cost over all assignments, by definition.
+    fn min_cost(costs: &[Vec<Option<u8>>], free: &mut [bool]) -> f64 {
         let Some((track, rest)) = costs.split_first() else {
             return 0.0;
         };
-        let mut least = UNSEEN + least_cost(rest, free);
+        let mut distance = MISS_COST + min_cost(rest, free);
         for (i, cost) in track.iter().enumerate() {
             if let Some(cost) = cost
                 && free[i]
             {
                 free[i] = false;
-                least = least.min(f64::from(*cost) + least_cost(rest, free));
+                distance = distance.min(f64::from(*cost) + min_cost(rest, free));
                 free[i] = true;
             }
         }
-        least
+        distance
     }
 
     #[test]
-    fn one_gives_way_where_all_gain() {
+    fn minimizes_the_total_cost() {
         let costs = [[Some(2.0), Some(3.0)], [Some(1.0), None]];
         let mut observation_of = [None; 2];
         let mut taken = [false; 2];
@@ -155,34 +157,34 @@ mod tests {
             &mut observation_of,
             &mut taken,
             |t, o| costs[t][o],
-            |_| UNSEEN,
+            |_| MISS_COST,
         );
         assert_eq!(observation_of, [Some(1), Some(0)]);
         assert_eq!(taken, [true; 2]);
     }
 
     #[test]
-    fn a_track_goes_without_rather_than_cost_the_others_more() {
+    fn a_track_is_missed_if_that_costs_less() {
         let costs = [[Some(1.0), Some(20.0)], [Some(5.0), None]];
         let mut observation_of = [None; 2];
         assign(
             &mut observation_of,
             &mut [false; 2],
             |t, o| costs[t][o],
-            |_| UNSEEN,
+            |_| MISS_COST,
         );
         assert_eq!(observation_of, [Some(0), None]);
     }
 
     #[test]
-    fn keeps_what_is_already_assigned() {
+    fn keeps_existing_assignments() {
         let mut observation_of = [Some(1), None];
         let mut taken = [false, true];
         assign(
             &mut observation_of,
             &mut taken,
             |_, _| Some(0.0),
-            |_| UNSEEN,
+            |_| MISS_COST,
         );
         assert_eq!(observation_of, [Some(1), Some(0)]);
     }
@@ -190,7 +192,7 @@ mod tests {
     proptest! {
         /// Few distinct costs, so that ties are common.
         #[test]
-        fn no_other_way_costs_less(
+        fn no_assignment_costs_less(
             costs in (0_usize..6).prop_flat_map(|n| {
                 prop::collection::vec(prop::collection::vec(prop::option::of(0_u8..12), n), 0..6)
             }),
@@ -199,7 +201,7 @@ mod tests {
             let mut observation_of = vec![None; costs.len()];
             let mut taken = vec![false; n_observations];
             let cost = |t: usize, o: usize| costs[t][o].map(f64::from);
-            assign(&mut observation_of, &mut taken, cost, |_| UNSEEN);
+            assign(&mut observation_of, &mut taken, cost, |_| MISS_COST);
             let mut sum = 0.0;
             let mut used = vec![false; n_observations];
             for (track, observation) in observation_of.iter().enumerate() {
@@ -208,11 +210,11 @@ mod tests {
                         prop_assert!(!std::mem::replace(&mut used[*o], true));
                         cost(track, *o).expect("an admissible pair")
                     }
-                    None => UNSEEN,
+                    None => MISS_COST,
                 };
             }
             prop_assert_eq!(&used, &taken);
-            prop_assert_eq!(sum, least_cost(&costs, &mut vec![true; n_observations]));
+            prop_assert_eq!(sum, min_cost(&costs, &mut vec![true; n_observations]));
         }
     }
 }

@@ -1,33 +1,38 @@
-//! Things that touch are one blob and stay as many tracks.
+//! Detects blobs that contain several touching objects, and keeps a track for each of them.
 //!
-//! Where two objects touch, the camera sees one shape. A tracker that does not know this takes it for one of them,
-//! which seems to jump into the middle, and soon drops the other. Here a blob is recognised as merged, and every track
-//! in it keeps its number, its marker and its place in the blob until the objects come apart.
+//! Where two objects touch, the camera sees one shape. A tracker that does not know this takes it
+//! for one of them, which seems to jump to the middle, and soon drops the other. Here every track
+//! in a merged blob keeps its id, its marker and its position in the blob until the objects
+//! separate.
 //!
 //! # When a blob is merged
 //!
-//! Two or more tracks are expected, or were just now, within its extent, none of them nearer to the middle of another
-//! observation, and it is as large as all of them together. Area is what tells a merged blob from a neighbour's: it adds up for things that stand
-//! side by side, which is the only way they can stand on a floor seen from above. So an object that is carried away beside
-//! another is missed like any other, although it was last seen within the other's extent.
+//! Two or more tracks are expected within its extent, or were just there. None of them is nearer to
+//! the centre of another observation. The area of the blob is that of all of them together. Area
+//! tells a merged blob from a neighbour's: the areas of objects that stand side by side add up, and
+//! seen from above, objects on a floor can only stand side by side. An object that is carried away
+//! from beside another is therefore missed like any other, although it was last observed within the
+//! extent of its neighbour.
 //!
 //! # Against ghosts
 //!
-//! A robot that falls into two blobs for some frames starts a track with its fragment, and area adds up for fragments
-//! too. So only a track is kept in a blob that was seen by itself, out of the extent of everything else, in
-//! [`FRAMES_ALONE`] frames, and none for longer than [`LONGEST_MERGE_S`].
+//! A robot that is split into two blobs for some frames starts a track with the fragment, and the
+//! areas of fragments add up, too. Therefore a track is kept in a blob only if its object was
+//! isolated, outside the extent of everything else, in several frames, and not longer than a limit
+//! (`blob`).
 //!
-//! # The place in the blob
+//! # The position in the blob
 //!
-//! Most things that touch in a picture pass each other closely. So each is at first where its own forecast leads, as long as it lies
-//! as far from the edge of the blob as when it went in, for at most [`LONGEST_PASSING_S`]. Once that fails they must have stopped or
-//! turned: then each keeps the offset from the blob's centre at which it went in, and moves with the blob. That two turn round
-//! each other does not show; their markers, or failing these their places, decide when they come apart. Where what is measured
-//! becomes another point of the blob, because one more joined it or a marker was read in it, the offset is taken anew, so that
-//! nothing jumps.
+//! Most objects whose images touch pass each other closely. At first, each object is assumed to
+//! follow its own forecast, for a short time and as long as it stays as far from the edge of the
+//! blob as when it entered. Once that fails, it must have stopped or turned. From then on it keeps
+//! its offset from the centre of the blob and moves with the blob. A rotation of two objects about
+//! each other is not visible. Markers, or otherwise positions, decide when they separate. Where the
+//! reference point of the blob changes, because another object joins or a marker is read in it, the
+//! offset is computed anew, so that nothing jumps.
 //!
-//! The extent is a circle: within a ring, or beside a long wall, it is too large, nothing stands alone there, and a touch is
-//! treated like any other loss of sight.
+//! The extent is a circle. Within a ring, or beside a long wall, it is too large: no object is
+//! isolated there, and a touch is treated like any other occlusion.
 
 use libm::sqrt;
 
@@ -38,12 +43,14 @@ use crate::tracker::hypotheses::Hypotheses;
 use crate::tracker::track::Track;
 use crate::vector::{norm_squared, sub};
 
-/// Part of an object's area by which a blob must exceed the others in it for the object to be there too: closing fills gaps
-/// and corners round off, but an absent object leaves nothing.
-const LEAST_PART_OF_AREA: f64 = 0.5;
+/// Minimum excess of a blob's area over the other objects in it, as a fraction of an object's area,
+/// for that object to be in it. Closing fills gaps and corners are rounded, but an absent object
+/// adds nothing.
+const MIN_AREA_RATIO: f64 = 0.5;
 
-/// The merged blob of each track that is in one. `read` has the observations that are assigned already because their
-/// marker was read; an observation with a marker that is not among them has no track yet and is not merged.
+/// The merged blob of each track that is in one. `read` holds the observations already assigned by
+/// their markers. An observation with a marker that is not among them has no track yet and is not
+/// merged.
 ///
 /// # Panics
 ///
@@ -55,12 +62,12 @@ pub(crate) fn find_merged<'a>(
     read: &[Option<usize>],
     may_merge: impl Fn(&Track) -> bool,
 ) -> [Option<MergedBlob<'a>>; MAX_TRACKS] {
-    let mut around = [None; MAX_TRACKS];
+    let mut containing = [None; MAX_TRACKS];
     for (i, track) in tracks.iter().enumerate() {
-        around[i] = match read[i] {
+        containing[i] = match read[i] {
             None if may_merge(track) => {
-                // What runs into another may stop at once.
-                observation_around([hypotheses[i].forecast(), track.position()], observations)
+                // An object that hits another may stop at once.
+                containing_observation([hypotheses[i].forecast(), track.position()], observations)
             }
             read => read,
         };
@@ -72,7 +79,7 @@ pub(crate) fn find_merged<'a>(
         };
         let mut members = [0; MAX_TRACKS];
         let mut n_members = 0;
-        for track in (0..tracks.len()).filter(|track| around[*track] == Some(index)) {
+        for track in (0..tracks.len()).filter(|track| containing[*track] == Some(index)) {
             members[n_members] = track;
             n_members += 1;
         }
@@ -81,15 +88,15 @@ pub(crate) fn find_merged<'a>(
         if observation.marker.is_some() && !members.iter().any(|track| is_read(*track)) {
             continue;
         }
-        let area = |track: usize| tracks[track].alone().area;
-        let members = those_with_room(members, observation.area, area, is_read);
+        let area = |track: usize| tracks[track].isolated().area;
+        let members = members_that_fit(members, observation.area, area, is_read);
         if members.len() >= 2 {
             for (i, track) in members.iter().enumerate() {
                 merged[*track] = Some(MergedBlob {
                     index,
                     observation,
                     n_tracks: members.len(),
-                    leads: i == 0,
+                    is_primary: i == 0,
                 });
             }
         }
@@ -97,9 +104,9 @@ pub(crate) fn find_merged<'a>(
     merged
 }
 
-/// Of the tracks that are expected in a blob those for which its area has room: first one whose marker was read, which is
-/// there for certain, then the largest.
-fn those_with_room(
+/// Of the tracks expected in a blob, those that fit into its area: first one whose marker was read,
+/// which is certainly there, then by size.
+fn members_that_fit(
     tracks: &mut [usize],
     blob_area: f64,
     area: impl Fn(usize) -> f64,
@@ -115,7 +122,7 @@ fn those_with_room(
     let mut n_kept = 0;
     for i in 0..tracks.len() {
         let track = tracks[i];
-        if is_read(track) || area_left > LEAST_PART_OF_AREA * area(track) {
+        if is_read(track) || area_left > MIN_AREA_RATIO * area(track) {
             area_left -= area(track);
             tracks[n_kept] = track;
             n_kept += 1;
@@ -124,10 +131,10 @@ fn those_with_room(
     &tracks[..n_kept]
 }
 
-/// The observation within whose extent one of the places lies; of several the one whose middle is nearest, in parts of its
-/// extent.
-fn observation_around(
-    places: [[f64; 2]; 2],
+/// The observation whose extent contains one of the positions. If there are several, the one whose
+/// centre is nearest relative to its extent.
+fn containing_observation(
+    positions: [[f64; 2]; 2],
     observations: &[Option<Observation>],
 ) -> Option<usize> {
     let mut nearest: Option<(f64, usize)> = None;
@@ -135,24 +142,26 @@ fn observation_around(
         let Some(observation) = observation.filter(|observation| observation.reach > 0.0) else {
             continue;
         };
-        let [a, b] = places.map(|place| norm_squared(sub(place, [observation.x, observation.y])));
-        let part = sqrt(a.min(b)) / observation.reach;
-        if part <= 1.0 && nearest.is_none_or(|(least, _)| part < least) {
-            nearest = Some((part, i));
+        let [a, b] =
+            positions.map(|position| norm_squared(sub(position, [observation.x, observation.y])));
+        let ratio = sqrt(a.min(b)) / observation.reach;
+        if ratio <= 1.0 && nearest.is_none_or(|(min, _)| ratio < min) {
+            nearest = Some((ratio, i));
         }
     }
     nearest.map(|(_, i)| i)
 }
 
-/// Whether an observation has an extent in which no other one's middle lies, nor its own in that of another.
-pub(crate) fn stands_alone(index: usize, observations: &[Option<Observation>]) -> bool {
+/// Whether an observation has an extent, no other observation's centre lies within it, and its own
+/// centre lies in no other extent.
+pub(crate) fn is_isolated(index: usize, observations: &[Option<Observation>]) -> bool {
     let Some(Some(observation)) = observations.get(index) else {
         return false;
     };
     let far = |other: &Observation| {
-        let apart = sub([other.x, other.y], [observation.x, observation.y]);
+        let offset = sub([other.x, other.y], [observation.x, observation.y]);
         let reach = observation.reach.max(other.reach);
-        norm_squared(apart) > reach * reach
+        norm_squared(offset) > reach * reach
     };
     observation.area > 0.0
         && observations

@@ -1,29 +1,31 @@
-//! What is known of one object: its state in the newest frame, its samples and its forecast.
+//! The state of one object: its current pose, its samples and its forecast.
 //!
-//! # A marked robot whose marker could not be read
+//! # A marked robot whose marker was not read
 //!
-//! A marked track is where the centre of the plate is. When its robot is seen without its marker being read, all
-//! there is is the centre of area of the whole robot, which lies elsewhere on the body by an unknown amount that
-//! turns with it. Taking it as the robot's place would make the track jump to and fro with every misread. So such a
-//! sighting keeps the track alive and moves it only as far as it is informative: it is weighed against the forecast
-//! with the observation's covariance plus [`Settings::marker_offset`]² (the update of a Kalman filter). Just after
-//! a reading the forecast is far better and stays; the longer the marker is not read, the more the track follows
-//! the sighting. The heading is forecast, [`Track::pose_observed`] is false, and nothing is learned from such a
-//! sighting.
+//! The position of a marked track is the centre of the plate. When the robot is detected without
+//! its marker, only the centroid of the whole robot is known. It lies elsewhere on the body, at an
+//! unknown offset that turns with the robot. Used as the position, it would make the track jump
+//! with every misread. Such an observation therefore keeps the track alive and corrects it only as
+//! far as it is informative: by a Kalman update of the forecast with the observation's covariance
+//! plus [`Settings::marker_offset`]². Just after a reading the forecast is much better and hardly
+//! changes. The longer the marker is not read, the more the track follows the observations. The
+//! heading is forecast, [`Track::pose_observed`] is false, and nothing is learned.
 //!
-//! When the marker has not been read for more than [`Settings::max_misses`] frames on end, the track gives it up
-//! and goes on under its number as a thing without marker: better an obstacle than a robot that may not be one.
-//! Where the measured point changes so from the plate to the outline, or the other way round because a marker is
-//! read on a track that had none, the samples are moved by the jump, which keeps the velocity.
+//! When the marker has not been read for more than [`Settings::max_misses`] consecutive frames, the
+//! track gives it up and continues under its id as an object without a marker: better an obstacle
+//! than a robot that may not be one. The reference point then changes from the plate to the
+//! centroid. It changes back when a marker is read on a track without one. In both cases all
+//! samples are moved by the jump, which keeps the velocity.
 //!
 //! # An object in a blob with others
 //!
-//! While objects touch (`merge`), one that may be passing the others coasts on its forecast. Once it has stopped with them,
-//! the blob's position and its place in it make the samples: they show how it is pushed or carried along. When it then comes
-//! apart from the others, the difference between where it was thought to be and where it is says nothing of its motion: a jump like
-//! that of another measured point.
+//! While objects touch (`merge`), one that may be passing the others coasts on its forecast. Once
+//! it has stopped with them, its samples are the position of the blob plus its offset in it, which
+//! show how it is pushed or carried along. When it separates, the difference between its assumed
+//! and its measured position says nothing about its motion. It is treated like a change of the
+//! reference point.
 
-use crate::bounds::pushed_out;
+use crate::bounds::expanded;
 use crate::covariance::{Covariance, kalman_update};
 use crate::forecast::Forecaster;
 use crate::forecast::curve::{Forecast, ForecastPoint};
@@ -32,25 +34,25 @@ use crate::history::{History, Sample};
 use crate::limits::{FORECAST_SPACING_S, MAX_FORECAST};
 use crate::observation::{Heading, Observation, Settings};
 use crate::time::{NS_PER_S, seconds_between};
-use crate::tracker::blob::{Alone, MergedBlob, Place};
-use crate::tracker::frame_context::Now;
+use crate::tracker::blob::{BlobMember, IsolatedView, MergedBlob};
+use crate::tracker::frame_context::FrameContext;
 use crate::tracker::hypotheses::Hypotheses;
 use crate::vector::{add, scale, sub};
 
-/// Frames closer together than this part of the frame period are not kept apart in the history.
-const LEAST_SPACING_FRAMES: f64 = 0.05;
-/// Longest pause in the readings of a marker, in seconds and in frames where these are slow, over which its turns are
-/// counted.
-const LONGEST_HEADING_GAP_S: f64 = 1.0;
-const LEAST_HEADING_GAP_FRAMES: f64 = 2.0;
+/// Minimum spacing of samples in the history, in frame periods.
+const MIN_SPACING_FRAMES: f64 = 0.05;
+/// Longest pause between readings of a marker over which its turns are counted, in seconds or in
+/// frames, whichever is longer.
+const MAX_HEADING_GAP_S: f64 = 1.0;
+const MAX_HEADING_GAP_FRAMES: f64 = 2.0;
 
-/// An object with an identity.
+/// A tracked object.
 #[derive(Debug, Clone)]
 pub struct Track {
     id: u64,
     marker: Option<u32>,
-    /// The last marker that was read on it, also after it was given up.
-    known_as: Option<u32>,
+    /// The last marker that was read, even after it was given up.
+    last_marker: Option<u32>,
     observed: Option<usize>,
     pose_observed: bool,
     position: [f64; 2],
@@ -60,18 +62,18 @@ pub struct Track {
     age_frames: u64,
     started_ns: u64,
     age_ns: u64,
-    sightings: u32,
+    n_observed: u32,
     misses: u32,
-    /// Frames on end in which a marked track's marker was not read.
-    unread: u32,
-    /// What sightings without marker have moved the forecast by since the marker was read.
+    /// Consecutive frames in which the marker of a marked track was not read.
+    unread_frames: u32,
+    /// Correction of the forecast by observations without a marker since the marker was last read.
     shift: [f64; 2],
-    /// How it looks when nothing touches it.
-    alone: Alone,
-    /// Its place in the blob that it shares with others, until it is seen by itself again.
-    place: Option<Place>,
+    /// The object as observed in isolation.
+    isolated: IsolatedView,
+    /// Its membership of a blob shared with others, until it is observed by itself again.
+    blob: Option<BlobMember>,
     points: [ForecastPoint; MAX_FORECAST],
-    ahead: Forecast,
+    forecast: Forecast,
     /// Seconds from the newest sample to the frame.
     coasted_s: f64,
     history: History,
@@ -80,7 +82,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// Number of the track, from 1, never given twice by a tracker.
+    /// Id of the track, from 1. A tracker never uses an id for two objects.
     #[must_use]
     pub fn id(&self) -> u64 {
         self.id
@@ -92,22 +94,24 @@ impl Track {
         self.marker
     }
 
-    /// Index, in the slice given to [`Tracker::update`](crate::Tracker::update), of this frame's observation of the
-    /// object; `None` when it was not seen and everything here is forecast. The observation of several objects that touch
-    /// is one of all of them and given to one, the same from frame to frame.
+    /// Index of this frame's observation of the object in the slice given to
+    /// [`Tracker::update`](crate::Tracker::update). `None` if the object was not observed and
+    /// everything here is forecast. An observation of several touching objects is reported by one
+    /// of their tracks, the same from frame to frame.
     #[must_use]
     pub fn observed(&self) -> Option<usize> {
         self.observed
     }
 
-    /// Whether position and heading are this frame's measurements. False when the object was not seen, when a
-    /// marked one was seen without its marker being read, and when it was seen as one with others that it touches.
+    /// Whether position and heading were measured in this frame. False if the object was not
+    /// observed, if it has a marker that was not read, or if it was observed as one blob with
+    /// others.
     #[must_use]
     pub fn pose_observed(&self) -> bool {
         self.pose_observed
     }
 
-    /// (x, y) in units: the measurement itself, without a filter's lag, if [`pose_observed`](Self::pose_observed),
+    /// (x, y) in units: the unfiltered measurement if [`pose_observed`](Self::pose_observed),
     /// otherwise the estimate.
     #[must_use]
     pub fn position(&self) -> [f64; 2] {
@@ -120,61 +124,61 @@ impl Track {
         self.covariance
     }
 
-    /// Velocity along x and y in units a second; zero until the second sighting.
+    /// Velocity along x and y in units per second. Zero until the second observation.
     #[must_use]
     pub fn velocity(&self) -> [f64; 2] {
         self.velocity
     }
 
-    /// Heading, measured or forecast, if one was ever measured.
+    /// Measured or forecast heading, if one was ever measured.
     #[must_use]
     pub fn heading(&self) -> Option<Heading> {
         self.heading
     }
 
-    /// Turn rate in rad/s: of the marker from its second reading on, otherwise of the direction of motion as the experts of the
-    /// forecast see it.
+    /// Turn rate in rad/s: of the marker from its second reading on, otherwise of the forecast
+    /// direction of motion.
     #[must_use]
     pub fn turn_rate_rad_s(&self) -> f64 {
         self.headings
             .rate_rad_s()
-            .unwrap_or(self.ahead.turn_rate_rad_s)
+            .unwrap_or(self.forecast.turn_rate_rad_s)
     }
 
-    /// Seconds since the first sighting.
+    /// Seconds since the first observation.
     #[must_use]
     pub fn age_s(&self) -> f64 {
         self.age_ns as f64 / NS_PER_S
     }
 
-    /// Frames since the first sighting, that one included.
+    /// Number of frames since the first observation, including that one.
     #[must_use]
     pub fn age_frames(&self) -> u64 {
         self.age_frames
     }
 
-    /// Frames on end without a sighting, this one included. In a blob with others counts as sighted.
+    /// Number of consecutive frames without an observation, including this one. An object in a blob
+    /// with others counts as observed.
     #[must_use]
     pub fn misses(&self) -> u32 {
         self.misses
     }
 
-    /// Where the object will be, one point each forecast step, counted from this frame's time stamp also when it
-    /// was not seen.
+    /// Future positions at intervals of [`FORECAST_SPACING_S`], counted from the time stamp of this
+    /// frame even if the object was not observed.
     #[must_use]
     pub fn forecast(&self) -> &[ForecastPoint] {
         &self.points
     }
 
-    /// Where the object will be `dt_s` seconds after this frame's time stamp, at any moment up to
-    /// [`FARTHEST_S`](crate::FARTHEST_S) and a little beyond: the curve that the points of
-    /// [`forecast`](Self::forecast) lie on. A moment before the frame counts as the frame's, one that is too far ahead as the
-    /// farthest.
+    /// Expected position `dt_s` seconds after the time stamp of this frame, for any time up to
+    /// [`FORECAST_RANGE_S`](crate::FORECAST_RANGE_S) and a little beyond. The points of
+    /// [`forecast`](Self::forecast) lie on this curve. Times outside the range are clamped to it.
     #[must_use]
     pub fn forecast_at(&self, dt_s: f64) -> ForecastPoint {
-        let dt_s = dt_s.max(0.0).min(self.ahead.longest_s());
-        let (place, covariance) = self.ahead.at(self.coasted_s + dt_s);
-        let [x, y] = add(place, self.shift);
+        let dt_s = dt_s.max(0.0).min(self.forecast.max_ahead_s);
+        let (position, covariance) = self.forecast.at(self.coasted_s + dt_s);
+        let [x, y] = add(position, self.shift);
         ForecastPoint {
             dt_s,
             x,
@@ -183,11 +187,11 @@ impl Track {
         }
     }
 
-    /// No track: a place for one.
+    /// An unused slot.
     pub const EMPTY: Self = Self {
         id: 0,
         marker: None,
-        known_as: None,
+        last_marker: None,
         observed: None,
         pose_observed: false,
         position: [0.0; 2],
@@ -197,229 +201,241 @@ impl Track {
         age_frames: 0,
         started_ns: 0,
         age_ns: 0,
-        sightings: 0,
+        n_observed: 0,
         misses: 0,
-        unread: 0,
+        unread_frames: 0,
         shift: [0.0; 2],
-        alone: Alone::NEVER,
-        place: None,
+        isolated: IsolatedView::NONE,
+        blob: None,
         points: [ForecastPoint {
             dt_s: 0.0,
             x: 0.0,
             y: 0.0,
             covariance: [[0.0; 2]; 2],
         }; MAX_FORECAST],
-        ahead: Forecast::EMPTY,
+        forecast: Forecast::EMPTY,
         coasted_s: 0.0,
         history: History::EMPTY,
         headings: HeadingTrack::EMPTY,
         forecaster: Forecaster::START,
     };
 
-    /// A track of something seen for the first time.
+    /// A track of an object observed for the first time.
     pub(crate) fn start(
         id: u64,
         index: usize,
         observation: &Observation,
-        alone: bool,
-        now: Now<'_>,
+        isolated: bool,
+        frame: FrameContext<'_>,
     ) -> Self {
         let mut track = Self {
             id,
-            started_ns: now.ns,
+            started_ns: frame.time_ns,
             ..Self::EMPTY
         };
-        track.sight(index, observation, alone, now);
+        track.observe(index, observation, isolated, frame);
         track
     }
 
-    /// Where the object should be now, and how surely.
+    /// Expected position at a time, and its covariance.
     fn expected(&self, now_ns: u64) -> ([f64; 2], Covariance) {
-        let (place, covariance) = self.ahead.at(self.unmeasured_s(now_ns));
-        (add(place, self.shift), covariance)
+        let (position, covariance) = self.forecast.at(self.since_sample_s(now_ns));
+        (add(position, self.shift), covariance)
     }
 
-    /// Where the object may be now.
-    pub(crate) fn hypotheses(&self, now: Now<'_>) -> Hypotheses {
+    /// Positions where the object may be in this frame.
+    pub(crate) fn hypotheses(&self, frame: FrameContext<'_>) -> Hypotheses {
         let samples = self.history.samples();
         let newest = samples.last().unwrap_or(&Sample::EMPTY);
         let position = add(newest.position, self.shift);
-        let (_, noise) = self.ahead.at(0.0);
-        Hypotheses::new(self.expected(now.ns), position, &noise, samples, now)
+        let (_, noise) = self.forecast.at(0.0);
+        Hypotheses::new(
+            self.expected(frame.time_ns),
+            position,
+            &noise,
+            samples,
+            frame,
+        )
     }
 
-    /// Whether enough was seen of it to report it.
-    pub(crate) fn confirmed(&self, settings: &Settings) -> bool {
-        self.sightings >= settings.confirm
+    /// Whether there were enough observations to report the track.
+    pub(crate) fn is_confirmed(&self, settings: &Settings) -> bool {
+        self.n_observed >= settings.confirm
     }
 
-    /// Whether it is time to drop it.
-    pub(crate) fn lost(&self, settings: &Settings) -> bool {
-        self.misses > settings.max_misses || (self.misses > 0 && !self.confirmed(settings))
+    /// Whether the track should be dropped.
+    pub(crate) fn is_lost(&self, settings: &Settings) -> bool {
+        self.misses > settings.max_misses || (self.misses > 0 && !self.is_confirmed(settings))
     }
 
-    /// Its looks when nothing touches it.
-    pub(crate) fn alone(&self) -> &Alone {
-        &self.alone
+    /// The object as observed in isolation.
+    pub(crate) fn isolated(&self) -> &IsolatedView {
+        &self.isolated
     }
 
-    /// Whether it may be kept in a blob with others.
+    /// Whether the track may be kept in a blob with others.
     pub(crate) fn may_merge(&self, now_ns: u64, settings: &Settings) -> bool {
-        self.confirmed(settings)
-            && self.alone.proven()
-            && !self.place.is_some_and(|place| place.overdue(now_ns))
+        self.is_confirmed(settings)
+            && self.isolated.is_established()
+            && !self.blob.is_some_and(|member| member.is_expired(now_ns))
     }
 
-    /// Extent of the blob with others that it was in when last seen, 0 if it was by itself.
+    /// Extent of the blob that the object was in when last observed. 0 if it was by itself.
     pub(crate) fn blob_reach(&self) -> f64 {
-        self.place.map_or(0.0, |place| place.reach())
+        self.blob.map_or(0.0, |member| member.reach())
     }
 
-    /// The marker of the robot that it is or was.
-    pub(crate) fn known_as(&self) -> Option<u32> {
-        self.known_as
+    /// The last marker that was read.
+    pub(crate) fn last_marker(&self) -> Option<u32> {
+        self.last_marker
     }
 
-    /// Tells that the robot was carried elsewhere: how it moved does not matter any more, how it uses to move does.
-    pub(crate) fn put_down(&mut self) {
+    /// Forgets the recent motion, because the robot was carried elsewhere. What was learned about
+    /// its way of moving is kept.
+    pub(crate) fn forget_motion(&mut self) {
         self.history = History::EMPTY;
         self.headings = HeadingTrack::EMPTY;
-        self.forecaster.measured_elsewhere();
-        self.place = None;
+        self.forecaster.discard_pending();
+        self.blob = None;
     }
 
-    /// Takes this frame's observation of the object. `alone`: nothing else is in it or near.
-    pub(crate) fn sight(
+    /// Processes this frame's observation of the object. `isolated`: no other object is in it or
+    /// near.
+    pub(crate) fn observe(
         &mut self,
         index: usize,
         observation: &Observation,
-        alone: bool,
-        now: Now<'_>,
+        isolated: bool,
+        frame: FrameContext<'_>,
     ) {
-        if alone {
-            self.alone.see(observation);
+        if isolated {
+            self.isolated.update(observation);
         }
-        let came_apart = self.place.is_some_and(|place| place.stays());
+        let separated = self.blob.is_some_and(|member| member.stopped());
         self.age_frames += 1;
-        self.sightings = self.sightings.saturating_add(1);
+        self.n_observed = self.n_observed.saturating_add(1);
         self.misses = 0;
         self.observed = Some(index);
         match (self.marker, observation.marker) {
-            (Some(_), None) if self.unread < now.settings.max_misses => {
-                self.unread += 1;
-                self.follow(observation, now);
+            (Some(_), None) if self.unread_frames < frame.settings.max_misses => {
+                self.unread_frames += 1;
+                self.correct(observation, frame);
             }
             (Some(_), None) => {
                 self.headings = HeadingTrack::EMPTY;
-                self.measure_elsewhere(observation, now.ns);
-                self.measure(observation, now);
+                self.move_reference_point(observation, frame.time_ns);
+                self.take_pose(observation, frame);
             }
-            (known, read) if came_apart || (known.is_none() && read.is_some()) => {
-                self.measure_elsewhere(observation, now.ns);
-                self.measure(observation, now);
+            (known, read) if separated || (known.is_none() && read.is_some()) => {
+                self.move_reference_point(observation, frame.time_ns);
+                self.take_pose(observation, frame);
             }
-            _ => self.measure(observation, now),
+            _ => self.take_pose(observation, frame),
         }
-        self.publish_ahead(now.ns);
+        self.update_points(frame.time_ns);
     }
 
-    /// Takes this frame's observation of the object and others that it touches.
-    pub(crate) fn merge(&mut self, blob: &MergedBlob, now: Now<'_>) {
+    /// Processes an observation of the object together with others that it touches.
+    pub(crate) fn observe_merged(&mut self, blob: &MergedBlob, frame: FrameContext<'_>) {
         self.age_frames += 1;
         self.misses = 0;
-        self.observed = blob.leads.then_some(blob.index);
+        self.observed = blob.is_primary.then_some(blob.index);
         self.pose_observed = false;
-        let (expected, _) = self.expected(now.ns);
-        let last_alone_ns = self
+        let (expected, _) = self.expected(frame.time_ns);
+        let last_isolated_ns = self
             .history
             .newest()
-            .map_or(now.ns, |newest| newest.time_ns);
-        let mut place = Place::take(self.place, blob, expected, last_alone_ns);
-        if place.passes(
+            .map_or(frame.time_ns, |newest| newest.time_ns);
+        let mut member = BlobMember::enter(self.blob, blob, expected, last_isolated_ns);
+        if member.still_passing(
             blob.observation,
             expected,
-            &self.alone,
-            now.ns,
-            now.settings,
+            &self.isolated,
+            frame.time_ns,
+            frame.settings,
         ) {
-            self.place = Some(place);
-            self.coast(now);
-            self.publish_ahead(now.ns);
+            self.blob = Some(member);
+            self.coast(frame);
+            self.update_points(frame.time_ns);
             return;
         }
-        self.place = Some(place);
+        self.blob = Some(member);
         if self.shift != [0.0; 2] {
             self.history.translate(self.shift);
-            self.forecaster.measured_elsewhere();
+            self.forecaster.discard_pending();
             self.shift = [0.0; 2];
         }
-        self.heading = self.headings.at(now.ns);
-        self.go_on_from(
-            place.position(blob.observation),
-            place.covariance(blob.observation, now.ns),
-            now,
+        self.heading = self.headings.at(frame.time_ns);
+        self.take_sample(
+            member.position(blob.observation),
+            member.covariance(blob.observation, frame.time_ns),
+            frame,
         );
-        self.publish_ahead(now.ns);
+        self.update_points(frame.time_ns);
     }
 
-    /// Lives through a frame in which the object was not seen.
-    pub(crate) fn miss(&mut self, now: Now<'_>) {
+    /// Processes a frame without an observation of the object.
+    pub(crate) fn miss(&mut self, frame: FrameContext<'_>) {
         self.age_frames += 1;
         self.misses = self.misses.saturating_add(1);
-        self.unread = self.unread.saturating_add(1);
+        self.unread_frames = self.unread_frames.saturating_add(1);
         self.observed = None;
-        self.coast(now);
-        self.publish_ahead(now.ns);
+        self.coast(frame);
+        self.update_points(frame.time_ns);
     }
 
-    /// The observation is the pose: take it, learn from it, look ahead from it.
-    fn measure(&mut self, observation: &Observation, now: Now<'_>) {
-        let period_s = now.settings.frame_period_s;
+    /// Takes the pose from the observation, learns from it and forecasts from it.
+    fn take_pose(&mut self, observation: &Observation, frame: FrameContext<'_>) {
+        let period_s = frame.settings.frame_period_s;
         self.marker = observation.marker;
-        self.known_as = observation.marker.or(self.known_as);
-        self.unread = 0;
+        self.last_marker = observation.marker.or(self.last_marker);
+        self.unread_frames = 0;
         self.shift = [0.0; 2];
-        self.place = None;
+        self.blob = None;
         self.pose_observed = true;
         if let Some(heading) = observation.heading {
-            let longest_gap_s = LONGEST_HEADING_GAP_S.max(LEAST_HEADING_GAP_FRAMES * period_s);
+            let max_gap_s = MAX_HEADING_GAP_S.max(MAX_HEADING_GAP_FRAMES * period_s);
             self.headings
-                .observe(now.ns, heading, period_s, longest_gap_s);
+                .observe(frame.time_ns, heading, period_s, max_gap_s);
         }
-        self.heading = self.headings.at(now.ns);
-        self.go_on_from([observation.x, observation.y], observation.covariance, now);
+        self.heading = self.headings.at(frame.time_ns);
+        self.take_sample(
+            [observation.x, observation.y],
+            observation.covariance,
+            frame,
+        );
     }
 
-    /// Makes a place the newest sample, learns from it and looks ahead from it.
-    fn go_on_from(&mut self, position: [f64; 2], covariance: Covariance, now: Now<'_>) {
-        let period_s = now.settings.frame_period_s;
+    /// Adds a position as the newest sample, learns from it and forecasts from it.
+    fn take_sample(&mut self, position: [f64; 2], covariance: Covariance, frame: FrameContext<'_>) {
+        let period_s = frame.settings.frame_period_s;
         self.position = position;
         self.covariance = covariance;
         let sample = Sample {
-            time_ns: now.ns,
+            time_ns: frame.time_ns,
             position,
         };
-        let least_spacing_ns = (LEAST_SPACING_FRAMES * period_s * NS_PER_S) as u64;
-        if self.history.push(sample, least_spacing_ns) {
-            self.forecaster.learn(&self.history, now.settings);
+        let min_spacing_ns = (MIN_SPACING_FRAMES * period_s * NS_PER_S) as u64;
+        if self.history.push(sample, min_spacing_ns) {
+            self.forecaster.learn(&self.history, frame.settings);
         }
         let steering = self.headings.steering(self.history.samples());
-        self.ahead = self.forecaster.forecast(
+        self.forecast = self.forecaster.forecast(
             &self.history,
             steering.as_ref(),
-            // A place in a blob may lie outside.
-            &pushed_out(&now.walls, position),
+            // A position in a blob may be out of bounds.
+            &expanded(&frame.bounds, position),
             &self.covariance,
-            now.settings,
+            frame.settings,
         );
-        self.velocity = self.ahead.velocity;
+        self.velocity = self.forecast.velocity;
     }
 
-    /// The observation is another point of a marked body: weigh it against the forecast.
-    fn follow(&mut self, observation: &Observation, now: Now<'_>) {
-        self.coast(now);
+    /// Corrects the forecast by an observation of another reference point of the marked object.
+    fn correct(&mut self, observation: &Observation, frame: FrameContext<'_>) {
+        self.coast(frame);
         let mut noise = observation.covariance;
-        let offset_variance = now.settings.marker_offset * now.settings.marker_offset;
+        let offset_variance = frame.settings.marker_offset * frame.settings.marker_offset;
         noise[0][0] += offset_variance;
         noise[1][1] += offset_variance;
         let innovation = sub([observation.x, observation.y], self.position);
@@ -431,40 +447,43 @@ impl Track {
         }
     }
 
-    /// Everything from the forecast.
-    fn coast(&mut self, now: Now<'_>) {
+    /// Takes the pose from the forecast.
+    fn coast(&mut self, frame: FrameContext<'_>) {
         self.pose_observed = false;
-        (self.position, self.covariance) = self.expected(now.ns);
-        self.heading = self.headings.at(now.ns);
-        let period_s = now.settings.frame_period_s;
-        let (next, _) = self.ahead.at(self.unmeasured_s(now.ns) + period_s);
-        let moved = sub(add(next, self.shift), self.position);
-        self.velocity = scale(moved, 1.0 / period_s);
+        (self.position, self.covariance) = self.expected(frame.time_ns);
+        self.heading = self.headings.at(frame.time_ns);
+        let period_s = frame.settings.frame_period_s;
+        let (next, _) = self
+            .forecast
+            .at(self.since_sample_s(frame.time_ns) + period_s);
+        let travel = sub(add(next, self.shift), self.position);
+        self.velocity = scale(travel, 1.0 / period_s);
     }
 
-    /// From this observation on, the position means another point of the body.
-    fn measure_elsewhere(&mut self, observation: &Observation, now_ns: u64) {
-        // Without the shift: it is not in the samples either.
-        let (expected, _) = self.ahead.at(self.unmeasured_s(now_ns));
+    /// Changes the reference point: from this observation on, the position is that of another point
+    /// of the object.
+    fn move_reference_point(&mut self, observation: &Observation, now_ns: u64) {
+        // Without the shift, which is not in the samples either.
+        let (expected, _) = self.forecast.at(self.since_sample_s(now_ns));
         if self.history.samples().len() < 2 {
             self.history = History::EMPTY;
         } else {
             self.history
                 .translate(sub([observation.x, observation.y], expected));
         }
-        self.forecaster.measured_elsewhere();
+        self.forecaster.discard_pending();
     }
 
-    fn publish_ahead(&mut self, now_ns: u64) {
+    fn update_points(&mut self, now_ns: u64) {
         self.age_ns = now_ns - self.started_ns;
-        self.coasted_s = self.unmeasured_s(now_ns);
+        self.coasted_s = self.since_sample_s(now_ns);
         for i in 0..MAX_FORECAST {
             self.points[i] = self.forecast_at((i as f64 + 1.0) * FORECAST_SPACING_S);
         }
     }
 
-    /// Seconds since the last sample.
-    pub(crate) fn unmeasured_s(&self, now_ns: u64) -> f64 {
+    /// Seconds since the newest sample.
+    pub(crate) fn since_sample_s(&self, now_ns: u64) -> f64 {
         self.history
             .newest()
             .map_or(0.0, |newest| seconds_between(newest.time_ns, now_ns))

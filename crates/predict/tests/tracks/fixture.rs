@@ -1,8 +1,8 @@
-//! A tracker that is shown one frame after the other.
+//! A tracker that is fed frame by frame.
 
 use predict::{MAX_TRACKS, Observation, Settings, Track, Tracker, Update};
 
-/// From frame to frame, 15 a second.
+/// Frame period at 15 frames per second.
 pub(crate) const STEP_NS: u64 = 66_666_667;
 pub(crate) const STEP_S: f64 = STEP_NS as f64 / 1e9;
 
@@ -13,7 +13,7 @@ pub(crate) fn settings() -> Settings {
     }
 }
 
-/// A tracker and the number of the next frame.
+/// A tracker and the index of the next frame.
 pub(crate) struct Floor {
     pub(crate) tracker: Tracker<Vec<Track>>,
     pub(crate) settings: Settings,
@@ -39,7 +39,7 @@ impl Floor {
         self.tracker.tracks().map(Track::id).collect()
     }
 
-    /// The track with this number.
+    /// The track with this id.
     pub(crate) fn track(&self, id: u64) -> &Track {
         self.tracker
             .tracks()
@@ -47,7 +47,7 @@ impl Floor {
             .unwrap_or_else(|| panic!("no track {id} among {:?}", self.ids()))
     }
 
-    /// The track, where there is one alone.
+    /// The only track.
     pub(crate) fn only(&self) -> &Track {
         let mut tracks = self.tracker.tracks();
         let track = tracks.next().expect("a track");
@@ -55,9 +55,9 @@ impl Floor {
         track
     }
 
-    pub(crate) fn assert_at(&self, id: u64, place: [f64; 2], within: f64) {
+    pub(crate) fn assert_at(&self, id: u64, position: [f64; 2], within: f64) {
         let at = self.track(id).position();
-        let off = distance(at, place);
+        let off = distance(at, position);
         assert!(
             off <= within + 1e-9,
             "frame {}: track {id} at {at:?}, {off} px off",

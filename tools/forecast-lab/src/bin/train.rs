@@ -1,4 +1,8 @@
-//! Makes the start weights of `predict`: `cargo run --release -p forecast-lab --bin train -- crates/predict/src/forecast/start_weights.bin`.
+//! Trains the start weights of `predict`:
+//!
+//! ```text
+//! cargo run --release -p forecast-lab --bin train -- crates/predict/src/forecast/start_weights.bin
+//! ```
 
 use std::process::ExitCode;
 
