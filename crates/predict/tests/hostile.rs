@@ -197,19 +197,19 @@ proptest! {
             let update = tracker.update(*stamp_ns, observations, settings);
             alive = alive + update.started - update.retired;
             prop_assert!(tracker.tracks().count() <= alive);
-            let mut seen = update.rejected + update.overflow;
+            let mut accounted = update.rejected + update.overflow;
             let mut last_id = 0;
             for track in tracker.tracks() {
                 check(track, observations.len())?;
                 prop_assert!(track.id() > last_id);
                 last_id = track.id();
-                seen += usize::from(track.observed().is_some());
+                accounted += usize::from(track.observed().is_some());
             }
             prop_assert!(last_id <= newest_id + update.started as u64);
             newest_id += update.started as u64;
-            prop_assert!(seen <= observations.len());
+            prop_assert!(accounted <= observations.len());
             if settings.confirm <= 1 {
-                prop_assert_eq!(seen, observations.len());
+                prop_assert_eq!(accounted, observations.len());
                 prop_assert_eq!(tracker.tracks().count(), alive);
             }
         }

@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod classical;
+pub mod examples;
 pub mod motions;
 pub mod paper;
 pub mod random;

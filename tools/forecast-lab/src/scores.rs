@@ -169,7 +169,7 @@ impl Contestant {
             4 => Box::new(Filters::kalman_cv(scale)),
             5 => Box::new(Filters::imm(scale)),
             PAPER => Box::new(PaperNetwork::new(scale.step_s, scene.low, scene.high)),
-            _ => panic!("there is no predictor {predictor}"),
+            _ => panic!("no predictor has the index {predictor}"),
         })
     }
 

@@ -21,7 +21,7 @@ use predict::training::{
     TrainingSample, TrainingTrack, WEIGHTS, back_to_logits, back_to_sharpness, gate,
 };
 
-use crate::motions::{Example, example};
+use crate::examples::{Example, example};
 use crate::random::Random;
 
 /// The amount of training.

@@ -110,7 +110,7 @@ fn an_hour_wears_nothing_out() {
 }
 
 #[test]
-#[ignore = "takes a minute: cargo test --release -p forecast_lab --test endurance -- --ignored --nocapture"]
+#[ignore = "takes a minute: cargo test --release -p forecast-lab --test endurance -- --ignored --nocapture"]
 fn a_day_wears_nothing_out() {
     check(errors(24 * HOUR, HOUR));
 }

@@ -12,9 +12,12 @@ const TOLERANCE: f64 = 0.03;
 
 fn written(rows: &[Row]) -> String {
     let mut text = String::from(
-        "# kind, noise px, best classical predictor of the kind; our error over its error, the same after gaps, part in the 95 % ellipse\n",
+        "# kind, noise in px, best baseline for the kind | error relative to it | the same after gaps | share inside the 95 % ellipse\n",
     );
-    let _ = writeln!(text, "# each {STEPS:?} frames ahead at 15 frames a second");
+    let _ = writeln!(
+        text,
+        "# each {STEPS:?} frames ahead at 15 frames per second"
+    );
     for row in rows {
         let _ = write!(text, "{:?} {} {}", row.kind, row.noise, row.best);
         for values in [row.ratios, row.after_gaps, row.coverage] {

@@ -196,7 +196,7 @@ const fn stored(bytes: &[u8]) -> [f32; WEIGHTS] {
     }
     assert!(
         bytes.len() == 2 * WEIGHTS,
-        "start_weights.bin is of a network of another shape: empty the file and train anew"
+        "start_weights.bin does not fit the shape of the network: empty the file and train again"
     );
     let mut i = 0;
     while i < WEIGHTS {

@@ -412,7 +412,7 @@ mod tests {
         mut on_comparison: impl FnMut(&Sample, &Comparison<'_>),
     ) -> [u32; HORIZONS] {
         let horizons = Horizons::new(step_ns as f64 / 1e9);
-        let mut seen = [0; HORIZONS];
+        let mut n_compared = [0; HORIZONS];
         let mut scores = Scores::START;
         for i in 0..n {
             let newest = Sample {
@@ -420,7 +420,7 @@ mod tests {
                 position: [0.0; 2],
             };
             scores.compare(&newest, None, &horizons, |comparison| {
-                seen[comparison.horizon] += 1;
+                n_compared[comparison.horizon] += 1;
                 on_comparison(&newest, comparison);
             });
             let issued = Issued {
@@ -431,22 +431,22 @@ mod tests {
             };
             scores.issue(issued, &horizons);
         }
-        seen
+        n_compared
     }
 
     #[test]
     fn every_kept_forecast_is_compared_once_per_horizon() {
         let times_s = Horizons::new(0.1).times_s;
-        let seen = comparisons(STEP_NS, 100, |newest, comparison| {
+        let n_compared = comparisons(STEP_NS, 100, |newest, comparison| {
             let due_s = times_s[comparison.horizon];
             let age_s = newest.seconds_since(&comparison.issued.newest);
             assert!((age_s - due_s).abs() < 0.051, "{age_s} for {due_s}");
         });
-        assert_eq!(seen[0], 99);
+        assert_eq!(n_compared[0], 99);
         assert_eq!(
-            seen[HORIZONS - 1],
+            n_compared[HORIZONS - 1],
             20,
-            "every fourth, from 2 s on: {seen:?}"
+            "every fourth, from 2 s on: {n_compared:?}"
         );
     }
 
@@ -455,8 +455,11 @@ mod tests {
         for rate_hz in [
             3, 5, 8, 12, 15, 20, 24, 25, 30, 50, 60, 75, 90, 100, 120, 200,
         ] {
-            let seen = comparisons(1_000_000_000 / rate_hz, 20 * rate_hz, |_, _| {});
-            assert!(seen.iter().all(|n| *n > 10), "{rate_hz} Hz: {seen:?}");
+            let n_compared = comparisons(1_000_000_000 / rate_hz, 20 * rate_hz, |_, _| {});
+            assert!(
+                n_compared.iter().all(|n| *n > 10),
+                "{rate_hz} Hz: {n_compared:?}"
+            );
         }
     }
 

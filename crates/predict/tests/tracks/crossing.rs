@@ -179,7 +179,7 @@ fn crowd(n: usize, merging: f64, false_blobs: f64, n_scenes: u64) -> Count {
         let mut track_of: Vec<Option<u64>> = vec![None; n];
         for _ in 0..FRAMES {
             let positions: Vec<[f64; 2]> = movers.iter().map(|mover| mover.at).collect();
-            floor.see(&look(&positions, merging, false_blobs, &mut random));
+            floor.observe(&look(&positions, merging, false_blobs, &mut random));
             let tracks: Vec<&Track> = floor.tracker.tracks().collect();
             count.add(&positions, &tracks, &mut track_of);
             movers.iter_mut().for_each(Mover::go);
@@ -206,9 +206,9 @@ impl Count {
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (i, position) in positions.iter().enumerate() {
             for (k, track) in tracks.iter().enumerate() {
-                let apart = distance(track.position(), *position);
-                if apart < FAR && free[k] && !found[i] {
-                    pairs.push((apart, i, k));
+                let error = distance(track.position(), *position);
+                if error < FAR && free[k] && !found[i] {
+                    pairs.push((error, i, k));
                 }
             }
         }

@@ -29,7 +29,7 @@ impl Floor {
         }
     }
 
-    pub(crate) fn see(&mut self, observations: &[Observation]) -> Update {
+    pub(crate) fn observe(&mut self, observations: &[Observation]) -> Update {
         let stamp_ns = self.frame * STEP_NS;
         self.frame += 1;
         self.tracker.update(stamp_ns, observations, &self.settings)

@@ -85,7 +85,7 @@ fn look(discs: &[Disc]) -> (Vec<Observation>, Vec<Option<usize>>) {
             let moment = |i: &usize| area(&discs[*i]) * discs[*i].at[axis];
             members.iter().map(moment).sum::<f64>() / whole
         });
-        let seen_at = |at: Point, marker: Option<u32>| Observation {
+        let observed_at = |at: Point, marker: Option<u32>| Observation {
             x: at[0],
             y: at[1],
             covariance: [[0.04, 0.0], [0.0, 0.04]],
@@ -106,11 +106,11 @@ fn look(discs: &[Disc]) -> (Vec<Observation>, Vec<Option<usize>>) {
             .filter(|i| discs[*i].marker.is_some())
             .collect();
         for i in &read {
-            observations.push(seen_at(discs[*i].at, discs[*i].marker));
+            observations.push(observed_at(discs[*i].at, discs[*i].marker));
             disc_of.push((members.len() == 1).then_some(*i));
         }
         if read.is_empty() && !members.is_empty() {
-            observations.push(seen_at(centre, None));
+            observations.push(observed_at(centre, None));
             disc_of.push((members.len() == 1).then_some(members[0]));
         }
     }
@@ -136,7 +136,7 @@ fn two_that_meet_and_part_keep_their_ids() {
     for frame in 0..110 {
         let half = half_apart(f64::from(frame) * STEP_S, TOGETHER_S, 9.5);
         let positions = [[300.0 - half, 200.0], [300.0 + half, 205.0]];
-        floor.see(&look(&positions.map(|at| disc(at, 10.0))).0);
+        floor.observe(&look(&positions.map(|at| disc(at, 10.0))).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         let merged = half < 10.0;
         for (id, position) in [(1, positions[0]), (2, positions[1])] {
@@ -160,7 +160,7 @@ fn uncertainty_grows_while_together() {
         if half >= 10.0 {
             last_apart = frame;
         }
-        floor.see(&look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
+        floor.observe(&look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
         let variance = floor.track(1).covariance()[0][0];
         // While they may still be passing, the uncertainty is that of their forecasts.
         if half < 10.0 && last_apart + 5 < frame {
@@ -180,7 +180,7 @@ fn a_pair_that_moves_carries_its_tracks_along() {
         let pusher = 100.0 + 60.0 * (t.min(5.0) - (t - 5.0).max(0.0));
         let pushed = (100.0 + 60.0 * t.min(5.0)).max(220.0) + 17.0;
         let positions = [[pusher, 200.0], [pushed, 203.0]];
-        floor.see(&look(&[disc(positions[0], 12.0), disc(positions[1], 6.0)]).0);
+        floor.observe(&look(&[disc(positions[0], 12.0), disc(positions[1], 6.0)]).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         floor.assert_at(1, positions[0], 5.0);
         floor.assert_at(2, positions[1], 5.0);
@@ -208,7 +208,7 @@ fn markers_are_right_after_the_two_change_sides() {
         if !merged {
             (discs[0].marker, discs[1].marker) = (Some(7), Some(4));
         }
-        floor.see(&look(&discs).0);
+        floor.observe(&look(&discs).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         for (id, marker, position) in [(1, 7, positions[0]), (2, 4, positions[1])] {
             assert_eq!(floor.track(id).marker(), Some(marker), "frame {frame}");
@@ -230,7 +230,7 @@ fn a_marker_read_in_the_blob_is_followed_and_the_other_kept() {
         let mut discs = positions.map(|at| disc(at, 10.0));
         // The marker is not read for a while in the middle.
         discs[0].marker = (!(50..60).contains(&frame)).then_some(3);
-        floor.see(&look(&discs).0);
+        floor.observe(&look(&discs).0);
         assert_eq!(floor.ids(), [1, 2], "frame {frame}");
         let merged = half < 10.0;
         let read = discs[0].marker.is_some();
@@ -254,7 +254,7 @@ fn three_join_and_leave_one_by_one() {
             [300.0, 200.0],
             [300.0 + 19.0, 200.0 + away(4.0, 6.0)],
         ];
-        floor.see(&look(&positions.map(|at| disc(at, 10.0))).0);
+        floor.observe(&look(&positions.map(|at| disc(at, 10.0))).0);
         assert_eq!(floor.ids(), [1, 2, 3], "frame {frame}");
         for (id, position) in (1..).zip(positions) {
             // The last one moves along the edge of the blob, whose extent is assumed to be a
@@ -269,12 +269,12 @@ fn an_object_removed_from_a_blob_is_missed() {
     let mut floor = Floor::new();
     for frame in 0..60 {
         let half = half_apart(f64::from(frame) * STEP_S, 100.0, 9.5);
-        floor.see(&look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
+        floor.observe(&look(&[-half, half].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
     }
     assert_eq!(floor.ids(), [1, 2]);
     let frames = u64::from(floor.settings.max_misses) + 1;
     for _ in 0..frames {
-        floor.see(&look(&[disc([290.5, 200.0], 10.0)]).0);
+        floor.observe(&look(&[disc([290.5, 200.0], 10.0)]).0);
         floor.assert_at(1, [290.5, 200.0], 0.0);
     }
     assert_eq!(floor.ids(), [1]);
@@ -284,20 +284,20 @@ fn an_object_removed_from_a_blob_is_missed() {
 fn a_merge_ends_after_its_maximum_time() {
     let mut floor = Floor::new();
     for _ in 0..30 {
-        floor.see(&look(&[-11.0, 11.0].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
+        floor.observe(&look(&[-11.0, 11.0].map(|x| disc([300.0 + x, 200.0], 10.0))).0);
     }
     let together = [-9.5, 9.5].map(|x| disc([300.0 + x, 200.0], 10.0));
     for _ in 0..29 * 15 {
-        floor.see(&look(&together).0);
+        floor.observe(&look(&together).0);
     }
     assert_eq!(floor.ids(), [1, 2]);
     for _ in 0..2 * 15 {
-        floor.see(&look(&together).0);
+        floor.observe(&look(&together).0);
     }
     assert_eq!(
         floor.ids().len(),
         1,
-        "what cannot be told apart is one thing in the end"
+        "objects that cannot be told apart end as one track"
     );
     floor.assert_at(floor.ids()[0], [300.0, 200.0], 0.0);
 }
@@ -320,7 +320,7 @@ fn a_fragment_does_not_survive() {
     for frame in 0..300 {
         let split = frame % 60 >= 40;
         let halves = [half(-4.2), half(4.2)];
-        floor.see(if split {
+        floor.observe(if split {
             &halves
         } else {
             std::slice::from_ref(&whole)
@@ -393,9 +393,9 @@ fn step(movers: &mut [Mover], meeting: Meeting, random: &mut Random) {
     }
     for i in 0..movers.len() {
         for j in 0..i {
-            let apart = distance(movers[i].at, movers[j].at);
+            let gap = distance(movers[i].at, movers[j].at);
             // They touch when their images overlap by a pixel.
-            let overlap = 2.0 * RADIUS - 1.0 - apart;
+            let overlap = 2.0 * RADIUS - 1.0 - gap;
             if overlap <= 0.0 {
                 continue;
             }
@@ -450,7 +450,7 @@ fn switches_per_1000(n_objects: usize, meeting: Meeting, extents: bool) -> f64 {
                     (observation.reach, observation.area) = (0.0, 0.0);
                 }
             }
-            floor.see(&observations);
+            floor.observe(&observations);
             for track in floor.tracker.tracks() {
                 if let Some(object) = track.observed().and_then(|i| disc_of[i]) {
                     n_frames += 1;

@@ -10,12 +10,12 @@ use forecast_lab::training::{PLAN, stored, train};
 
 fn main() -> ExitCode {
     let Some(file) = std::env::args_os().nth(1) else {
-        eprintln!("error: no file given; say where to write the weights");
+        eprintln!("error: missing argument: the file to write the weights to");
         return ExitCode::from(2);
     };
     let network = train(PLAN, |epoch, loss| {
         eprintln!(
-            "epoch {epoch}: error {:.4} of the best expert's in hindsight, ellipse {:.4}",
+            "epoch {epoch}: position loss {:.4}, ellipse loss {:.4}",
             loss.mixture / loss.n,
             loss.ellipse / loss.n
         );
