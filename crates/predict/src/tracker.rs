@@ -62,8 +62,8 @@ pub struct Update {
 }
 
 impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
-    /// A tracker without tracks. The length of `storage`, up to [`MAX_TRACKS`], is the maximum number
-    /// of tracks alive at once. Its contents do not matter.
+    /// A tracker without tracks. The length of `storage`, up to [`MAX_TRACKS`], is the maximum
+    /// number of tracks alive at once. Its contents do not matter.
     #[must_use]
     pub fn new(storage: S) -> Self {
         Self {
@@ -96,9 +96,9 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
     /// Processes the observations of one frame that was exposed at `stamp_ns`.
     ///
     /// The frame rate may vary. A time stamp that is not later than the previous one counts as the
-    /// same time. A step of more than two seconds, or of four frame periods if that is longer, counts
-    /// as that long. Observations and settings may hold any values: invalid observations are ignored
-    /// and counted, invalid settings become the default.
+    /// same time. A step of more than two seconds, or of four frame periods if that is longer,
+    /// counts as that long. Observations and settings may hold any values: invalid observations are
+    /// ignored and counted, invalid settings become the default.
     ///
     /// Cost: about 18 µs per observed track, on one thread.
     pub fn update(

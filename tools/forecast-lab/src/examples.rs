@@ -1,5 +1,5 @@
-//! The wide family of generated tracks that the start weights are trained on. Lengths are in pixels,
-//! times in seconds.
+//! The wide family of generated tracks that the start weights are trained on. Lengths are in
+//! pixels, times in seconds.
 
 use std::f64::consts::{PI, TAU};
 

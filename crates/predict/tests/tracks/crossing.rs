@@ -5,7 +5,7 @@
 
 use predict::{Observation, Track};
 
-use crate::fixture::{Floor, STEP_S, distance};
+use crate::fixture::{Floor, Random, STEP_S, distance};
 
 const FLOOR: [f64; 2] = [320.0, 240.0];
 /// Speeds in pixels per second.
@@ -15,27 +15,6 @@ const FAR: f64 = 6.0;
 const NOISE: f64 = 0.3;
 const SEEN: f64 = 0.97;
 const FRAMES: usize = 300;
-
-/// Uniform numbers in [0, 1), the same in every run (SplitMix64).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn within(&mut self, min: f64, max: f64) -> f64 {
-        min + (max - min) * self.next()
-    }
-
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
-    }
-}
 
 struct Mover {
     at: [f64; 2],

@@ -69,3 +69,24 @@ impl Floor {
 pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     f64::hypot(a[0] - b[0], a[1] - b[1])
 }
+
+/// Uniform numbers in [0, 1), the same in every run (SplitMix64).
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub(crate) fn within(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * self.next()
+    }
+
+    pub(crate) fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
+    }
+}
