@@ -3,7 +3,6 @@
 
 use crate::bounds::{Bounds, NO_BOUNDS, expanded};
 use crate::forecast::Forecaster;
-use crate::forecast::curve::Forecast;
 pub use crate::forecast::mixture::{Evidence, Shares, back_to_logits, back_to_sharpness, gate};
 pub use crate::forecast::network::{Network, STORED_PER_UNIT};
 pub use crate::forecast::sample::TrainingSample;
@@ -22,7 +21,6 @@ pub struct TrainingTrack {
     forecaster: Forecaster,
     settings: Settings,
     bounds: Bounds,
-    forecast: Forecast,
 }
 
 impl TrainingTrack {
@@ -35,7 +33,6 @@ impl TrainingTrack {
             forecaster: Forecaster::frozen(network),
             settings: settings.checked(),
             bounds: NO_BOUNDS,
-            forecast: Forecast::EMPTY,
         }
     }
 
@@ -56,19 +53,14 @@ impl TrainingTrack {
         }
         let steering = self.headings.steering(self.history.samples());
         let exact = [[0.0; 2]; 2];
-        self.forecast = self.forecaster.forecast(
+        // Issued for comparison with the samples to come.
+        self.forecaster.forecast(
             &self.history,
             steering.as_ref(),
             &self.bounds,
             &exact,
             &self.settings,
         );
-    }
-
-    /// Position and covariance `ahead_s` after the newest sample.
-    #[must_use]
-    pub fn at(&self, ahead_s: f64) -> ([f64; 2], [[f64; 2]; 2]) {
-        self.forecast.at(ahead_s)
     }
 
     /// The training sample of the newest frame.

@@ -59,7 +59,6 @@ pub struct Track {
     covariance: Covariance,
     velocity: [f64; 2],
     heading: Option<Heading>,
-    age_frames: u64,
     started_ns: u64,
     age_ns: u64,
     n_observed: u32,
@@ -151,12 +150,6 @@ impl Track {
         self.age_ns as f64 / NS_PER_S
     }
 
-    /// Number of frames since the first observation, including that one.
-    #[must_use]
-    pub fn age_frames(&self) -> u64 {
-        self.age_frames
-    }
-
     /// Number of consecutive frames without an observation, including this one. An object in a blob
     /// with others counts as observed.
     #[must_use]
@@ -198,7 +191,6 @@ impl Track {
         covariance: [[0.0; 2]; 2],
         velocity: [0.0; 2],
         heading: None,
-        age_frames: 0,
         started_ns: 0,
         age_ns: 0,
         n_observed: 0,
@@ -312,7 +304,6 @@ impl Track {
             self.isolated.update(observation);
         }
         let separated = self.blob.is_some_and(|member| member.stopped());
-        self.age_frames += 1;
         self.n_observed = self.n_observed.saturating_add(1);
         self.misses = 0;
         self.observed = Some(index);
@@ -337,7 +328,6 @@ impl Track {
 
     /// Processes an observation of the object together with others that it touches.
     pub(crate) fn observe_merged(&mut self, blob: &MergedBlob, frame: FrameContext<'_>) {
-        self.age_frames += 1;
         self.misses = 0;
         self.observed = blob.is_primary.then_some(blob.index);
         self.pose_observed = false;
@@ -376,7 +366,6 @@ impl Track {
 
     /// Processes a frame without an observation of the object.
     pub(crate) fn miss(&mut self, frame: FrameContext<'_>) {
-        self.age_frames += 1;
         self.misses = self.misses.saturating_add(1);
         self.unread_frames = self.unread_frames.saturating_add(1);
         self.observed = None;

@@ -135,7 +135,6 @@ fn a_gap_is_filled_by_the_forecast() {
         assert_eq!(track.observed(), (!hidden).then_some(0));
         assert_eq!(track.pose_observed(), !hidden);
         assert_eq!(track.misses(), if hidden { i as u32 - 14 } else { 0 });
-        assert_eq!(track.age_frames(), i as u64 + 1);
         if i > 5 {
             assert!(distance(track.position(), position(t)) < 0.01);
             assert!(distance(track.velocity(), [90.0, 0.0]) < 0.1);
@@ -186,7 +185,7 @@ fn confirmation_hides_a_flash() {
     assert_eq!(floor.ids(), []);
     floor.observe(&[blob([100.0, 100.0])]);
     assert_eq!(floor.ids(), [1]);
-    assert_eq!(floor.only().age_frames(), 3);
+    assert_eq!(floor.only().age_s(), 2.0 * STEP_S);
     floor.observe(&[blob([300.0, 100.0])]);
     assert_eq!(floor.ids(), [1], "three observations are needed again");
 }
