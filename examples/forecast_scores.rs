@@ -1,13 +1,14 @@
-//! The scoreboard of forecasts: how wrong overcam and the predictors that everybody knows are on recorded tracks.
+//! Forecast errors of overcam and of baseline predictors on recorded tracks.
 //!
 //! ```text
 //! cargo run --release --example forecast_scores -- [--json] FILES
 //! ```
 //!
-//! A file is text, a line a sample: `time_s id x y [heading_rad]`, blank- or comma-separated, `#` begins a comment, the samples of
-//! an id in order of time and without gaps. A forecast made at an id's sample i (from 0) for sample i + k is scored for every
-//! i >= 7 with i + k inside the track, by its distance from that sample; ellipses from sample 15 on. k goes up to two
-//! seconds. `--json` prints one object a line.
+//! A file is text with one sample per line: `time_s id x y [heading_rad]`, separated by blanks or
+//! commas. `#` begins a comment. The samples of an id are in order of time and without gaps. A
+//! forecast made at sample i (from 0) of an id for sample i + k is scored by its distance from that
+//! sample, for every i >= 7 with i + k inside the track; ellipses are scored from sample 15 on. k
+//! goes up to two seconds. `--json` prints one object per line.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -16,7 +17,7 @@ use std::time::Instant;
 
 use forecast_lab::scores::{Board, Contestant, LINE5, OVERCAM, PREDICTORS, Sample, Scene};
 
-/// Samples ahead that are scored, as far as they are within [`predict::FARTHEST_S`].
+/// Numbers of samples ahead that are scored, up to [`predict::FORECAST_RANGE_S`].
 const STEPS: [usize; 13] = [1, 2, 3, 4, 5, 8, 10, 15, 20, 30, 45, 60, 120];
 
 fn main() -> ExitCode {
@@ -66,11 +67,11 @@ fn parsed(text: &str) -> Result<Vec<Vec<Sample>>, String> {
         };
         let read = |word: &str| match word.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
-            _ => Err(format!("line {number}: '{word}' is no number")),
+            _ => Err(format!("line {number}: '{word}' is not a number")),
         };
         let sample = Sample {
             time_s: read(time)?,
-            place: [read(x)?, read(y)?],
+            position: [read(x)?, read(y)?],
             heading_rad: heading.map(read).transpose()?,
         };
         let track = tracks.entry(id).or_default();
@@ -93,7 +94,7 @@ fn parsed(text: &str) -> Result<Vec<Vec<Sample>>, String> {
 fn score(file: &str, tracks: &[Vec<Sample>], json: bool) -> std::io::Result<()> {
     let scene = Scene::of(tracks);
     let step_s = scene.scale.step_s;
-    let near = |steps: &usize| *steps as f64 * step_s <= predict::FARTHEST_S * 1.01;
+    let near = |steps: &usize| *steps as f64 * step_s <= predict::FORECAST_RANGE_S * 1.01;
     let mut steps: Vec<usize> = STEPS.into_iter().filter(near).collect();
     if steps.is_empty() {
         steps.push(1);
@@ -102,7 +103,7 @@ fn score(file: &str, tracks: &[Vec<Sample>], json: bool) -> std::io::Result<()> 
     let which: Vec<usize> = (0..PREDICTORS.len()).collect();
     let mut board = Board::new(&steps);
     for track in tracks {
-        let truth: Vec<[f64; 2]> = track.iter().map(|sample| sample.place).collect();
+        let truth: Vec<[f64; 2]> = track.iter().map(|sample| sample.position).collect();
         board.add(track, &truth, &scene, &which);
     }
     let mut out = std::io::stdout().lock();
@@ -147,13 +148,13 @@ fn score(file: &str, tracks: &[Vec<Sample>], json: bool) -> std::io::Result<()> 
         for track in tracks {
             let mut overcam = Contestant::new(OVERCAM, &scene, track);
             for sample in track {
-                overcam.take(sample);
+                overcam.observe(sample);
             }
         }
         let us = begin.elapsed().as_secs_f64() * 1e6 / n_samples as f64;
         writeln!(
             out,
-            "\n{n_samples} samples of {} tracks, {us:.1} us a track and frame",
+            "\n{n_samples} samples of {} tracks, {us:.1} us per track and frame",
             tracks.len()
         )?;
     }

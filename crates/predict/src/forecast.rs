@@ -1,87 +1,76 @@
-//! One track's forecast: experts (`experts`) weighed by a network (`mixture`) that goes on learning on the track, with an
-//! ellipse for every moment (`ellipse`).
+//! The forecast of one track: a mixture of experts with an error ellipse at every horizon. The
+//! network that weighs the experts keeps learning on the track.
 //!
 //! # Differences from the paper
 //!
-//! Section 3.1.2 lets the network itself say the next position, from the first training on, and feeds that back for positions
-//! farther ahead. So built, it is 98 px wrong 30 frames ahead on a straight line without noise, after 32 samples. Here the
-//! network says which of the classical forecasts to trust, separately for near and far, so that what it does not know yet costs
-//! little; there is no feeding back, and every moment ahead is asked for directly.
+//! In section 3.1.2 the network predicts the next position itself, from the first training step on,
+//! and its output is fed back for later positions. Implemented that way, it is 98 px off 30 frames
+//! ahead on a straight line without noise, after 32 samples. Here the network chooses between
+//! classical forecasts, separately for near and far horizons, so that a lack of training costs
+//! little. Nothing is fed back: every horizon is forecast directly.
 
-use libm::sqrt;
+pub(crate) mod comparison;
+pub(crate) mod curve;
+pub(crate) mod ellipse;
+pub(crate) mod experts;
+pub(crate) mod horizon;
+pub(crate) mod inputs;
+pub(crate) mod line;
+pub(crate) mod mixture;
+pub(crate) mod motion;
+pub(crate) mod network;
+pub(crate) mod parabola;
+pub(crate) mod past;
+pub(crate) mod sample;
+pub(crate) mod scores;
+pub(crate) mod turn;
 
+use crate::bounds::Bounds;
 use crate::covariance::{Covariance, trace};
-use crate::ellipse::{ellipses, on_axes, published};
-use crate::experts::{EXPERTS, Past, Steering, fit};
+use crate::forecast::comparison::{Comparison, Issued};
+use crate::forecast::curve::{Forecast, limited};
+use crate::forecast::ellipse::{ellipses, limited_ellipses, on_axes};
+use crate::forecast::experts::fit;
+use crate::forecast::horizon::Horizons;
+use crate::forecast::inputs::MotionFeatures;
+use crate::forecast::line::Line;
+use crate::forecast::mixture::{Evidence, back_to_logits, gate};
+use crate::forecast::motion::Motion;
+use crate::forecast::network::{GradientStep, Network};
+use crate::forecast::past::Past;
+use crate::forecast::sample::TrainingSample;
+use crate::forecast::scores::Scores;
+use crate::heading::Steering;
 use crate::history::{History, Sample};
-use crate::horizon::{FARTHEST_S, HORIZONS, Horizons};
-use crate::inputs::Motions;
-use crate::marks::{Comparison, Issued, Marks};
-use crate::mixture::{ByExpert, Evidence, OUTPUTS, back_to_said, weigh};
-use crate::motion::{Line, Motion};
-use crate::network::{Descent, Network};
+use crate::layout::{EXPERTS, HORIZONS, OUTPUTS};
+use crate::limits::FORECAST_RANGE_S;
 use crate::observation::Settings;
-use crate::training::Lesson;
-use crate::vector::{add, norm, norm_squared, scale, sub};
+use crate::vector::{add, norm, scale, sub};
 
-/// Samples of the line that tells how much noise a first forecast carries.
+/// Number of samples of the line that gives the noise of a first forecast.
 const LINE_SAMPLES: usize = 5;
-/// What moves is able to stop, or to turn as hard, within about this time. As long as nothing else is known of an
-/// object, the standard deviation of its acceleration, on each axis, is its speed divided by this.
+/// A moving object can stop, or turn equally hard, within about this time. Until more is known, the
+/// standard deviation of its acceleration per axis is its speed divided by this.
 const STOPPING_TIME_S: f64 = 1.0;
-/// How the network follows a comparison. Faster learning gains on tracks that last for minutes and loses on short ones.
-const DESCENT: Descent = Descent {
+/// Online training. A higher rate gains on tracks that last for minutes and loses on short ones.
+const GRADIENT_STEP: GradientStep = GradientStep {
     rate: 0.015,
-    most: 1.0,
+    max_norm: 1.0,
 };
-/// Part of the way back to the start weights for every step of training.
-const PULL: f32 = 2e-4;
+/// Part of the way back to the start weights per training step.
+const START_PULL: f32 = 2e-4;
 
-/// Lowest and highest coordinates at which anything was seen: nothing has gone beyond.
-pub(crate) type Walls = [[f64; 2]; 2];
-
-/// Nowhere yet.
-pub(crate) const NO_WALLS: Walls = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-
-/// The walls when something was seen here.
-pub(crate) fn pushed_out(walls: &Walls, [x, y]: [f64; 2]) -> Walls {
-    let [low, high] = walls;
-    [
-        [low[0].min(x), low[1].min(y)],
-        [high[0].max(x), high[1].max(y)],
-    ]
-}
-
-/// What learns about one track.
+/// The learning state of one track.
 #[derive(Debug, Clone)]
 pub(crate) struct Forecaster {
     network: Network,
-    /// Whether the network learns.
+    /// Whether the network is trained online.
     learns: bool,
-    marks: Marks,
+    scores: Scores,
 }
 
-/// Where an object will be, counted from its newest sample.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Forecast {
-    horizons: Horizons,
-    /// Longest time ahead that is looked at.
-    longest_s: f64,
-    speed_limit: f64,
-    origin: [f64; 2],
-    motions: [Motion; EXPERTS],
-    shares: ByExpert<f32>,
-    /// Of the newest sample, and by horizon.
-    covariance: Covariance,
-    covariances: [Covariance; HORIZONS],
-    /// Velocity at the newest sample, units a second.
-    pub(crate) velocity: [f64; 2],
-    /// Turn rate of the velocity.
-    pub(crate) turn_rate_rad_s: f64,
-}
-
-/// All that is known at the newest sample.
-struct Known {
+/// Everything computed at the newest sample before the network is evaluated.
+struct Analysis {
     horizons: Horizons,
     motions: [Motion; EXPERTS],
     /// Direction of motion, a unit vector.
@@ -94,10 +83,11 @@ impl Forecaster {
     pub(crate) const START: Self = Self {
         network: Network::START,
         learns: true,
-        marks: Marks::START,
+        scores: Scores::START,
     };
 
-    /// Learns from the newest sample of `history`: compares the forecasts made before it, and trains the network with them.
+    /// Learns from the newest sample of `history`: compares earlier forecasts with it and trains
+    /// the network on the result.
     pub(crate) fn learn(&mut self, history: &History, settings: &Settings) {
         let Some(newest) = history.newest() else {
             return;
@@ -105,66 +95,68 @@ impl Forecaster {
         let horizons = Horizons::new(settings.frame_period_s);
         let before = history.samples().iter().rev().nth(1);
         let (network, learns, mut n_steps) = (&mut self.network, self.learns, 0.0);
-        self.marks.compare(newest, before, &horizons, |comparison| {
-            if learns {
-                train(network, comparison);
-                n_steps += 1.0;
-            }
-        });
+        self.scores
+            .compare(newest, before, &horizons, |comparison| {
+                if learns {
+                    train(network, comparison);
+                    n_steps += 1.0;
+                }
+            });
         if n_steps > 0.0 {
-            network.pull_back(n_steps * PULL);
+            network.pull_back(n_steps * START_PULL);
         }
     }
 
-    /// Looks ahead from the newest sample, whose covariance is given, and remembers what it said. The sample lies within the walls.
+    /// Computes the forecast from the newest sample, which has the given covariance and lies within
+    /// the bounds, and keeps it for later comparison.
     pub(crate) fn forecast(
         &mut self,
         history: &History,
         steering: Option<&Steering>,
-        walls: &Walls,
+        bounds: &Bounds,
         covariance: &Covariance,
         settings: &Settings,
     ) -> Forecast {
         let Some(newest) = history.newest() else {
             return Forecast::EMPTY;
         };
-        let known = self.known(history, steering, walls, settings);
-        let Known {
+        let analysis = self.analyze(history, steering, bounds, settings);
+        let Analysis {
             horizons,
             motions,
             direction,
             ..
-        } = known;
-        let weighed = weigh(&self.network, &known.evidence);
-        let ellipses = published(
-            self.ellipses(&known, &weighed.spread, covariance, settings),
+        } = analysis;
+        let mixture = gate(&self.network, &analysis.evidence);
+        let ellipses = limited_ellipses(
+            self.ellipses(&analysis, &mixture.log_scale, covariance, settings),
             &horizons,
-            self.marks.fastest / horizons.step_s as f32,
+            self.scores.max_step / horizons.step_s as f32,
         );
         let issued = Issued {
             newest: *newest,
             n_samples: history.samples().len(),
             direction: direction.map(|c| c as f32),
             motions,
-            inputs: known.evidence.inputs,
-            answer: weighed.answer,
-            shares: weighed.shares,
+            inputs: analysis.evidence.inputs,
+            activations: mixture.activations,
+            shares: mixture.shares,
             ellipses,
         };
-        self.marks.issue(issued, &horizons);
+        self.scores.issue(issued, &horizons);
         let mut forecast = Forecast {
             horizons,
-            longest_s: FARTHEST_S + settings.longest_gap_s(),
+            max_ahead_s: FORECAST_RANGE_S + settings.max_gap_s(),
             speed_limit: settings.speed_limit(),
             origin: newest.position,
             motions,
-            shares: weighed.shares,
+            shares: mixture.shares,
             covariance: *covariance,
             covariances: ellipses.map(|ellipse| on_axes(ellipse, direction)),
             velocity: [0.0; 2],
             turn_rate_rad_s: 0.0,
         };
-        for (motion, share) in motions.iter().zip(weighed.shares[0]) {
+        for (motion, share) in motions.iter().zip(mixture.shares[0]) {
             let share = f64::from(share);
             forecast.velocity = add(forecast.velocity, scale(motion.velocity(), share));
             forecast.turn_rate_rad_s += share * motion.turn_rate_rad_s();
@@ -173,13 +165,15 @@ impl Forecaster {
         forecast
     }
 
-    /// Tells that the samples were moved to another point of the body: earlier forecasts can no longer be compared.
-    pub(crate) fn measured_elsewhere(&mut self) {
-        self.marks.withdraw();
+    /// Drops forecasts that wait for comparison. Call this when the samples were moved to another
+    /// reference point of the object.
+    pub(crate) fn discard_pending(&mut self) {
+        self.scores.discard_pending();
     }
 
-    /// A track with another network, which stays as it is: it would be pulled to the stored start weights.
-    pub(crate) fn with(network: Network) -> Self {
+    /// A forecaster with another network, which is not trained: training would pull it towards the
+    /// stored start weights.
+    pub(crate) fn frozen(network: Network) -> Self {
         Self {
             network,
             learns: false,
@@ -187,48 +181,49 @@ impl Forecaster {
         }
     }
 
-    /// What the newest sample can teach, for samples without noise of their own.
-    pub(crate) fn lesson(
+    /// The training sample of the newest frame, for samples without noise of their own.
+    pub(crate) fn sample(
         &mut self,
         history: &History,
         steering: Option<&Steering>,
-        walls: &Walls,
+        bounds: &Bounds,
         settings: &Settings,
-    ) -> Lesson {
-        let known = self.known(history, steering, walls, settings);
-        let times_s = known.horizons.times_s;
+    ) -> TrainingSample {
+        let analysis = self.analyze(history, steering, bounds, settings);
+        let times_s = analysis.horizons.times_s;
         let exact = [[0.0; 2]; 2];
-        Lesson {
-            evidence: known.evidence,
+        TrainingSample {
+            evidence: analysis.evidence,
             times_s,
-            places: times_s.map(|time_s| known.motions.map(|motion| motion.at(time_s as f32))),
-            ellipses: self.ellipses(&known, &[0.0; HORIZONS], &exact, settings),
-            direction: known.direction.map(|c| c as f32),
+            positions: times_s
+                .map(|time_s| analysis.motions.map(|motion| motion.at(time_s as f32))),
+            ellipses: self.ellipses(&analysis, &[0.0; HORIZONS], &exact, settings),
+            direction: analysis.direction.map(|c| c as f32),
         }
     }
 
-    fn known(
+    fn analyze(
         &mut self,
         history: &History,
         steering: Option<&Steering>,
-        walls: &Walls,
+        bounds: &Bounds,
         settings: &Settings,
-    ) -> Known {
+    ) -> Analysis {
         let horizons = Horizons::new(settings.frame_period_s);
         let past = Past::of(history);
         let newest = history.newest().unwrap_or(&Sample::EMPTY);
-        let walls = walls.map(|corner| sub(corner, newest.position));
-        let motions = fit(&past, steering, walls);
+        let bounds = bounds.map(|corner| sub(corner, newest.position));
+        let motions = fit(&past, steering, bounds);
         let reach = settings.speed_limit() * settings.frame_period_s;
-        let summary = self.marks.summary(&motions, reach);
-        let moved = Motions::of(&past, &horizons);
-        Known {
+        let summary = self.scores.summary(&motions, reach);
+        let features = MotionFeatures::of(&past, &horizons);
+        Analysis {
             horizons,
             motions,
-            direction: moved.direction,
+            direction: features.direction,
             evidence: Evidence {
-                inputs: moved.inputs(&summary, &horizons, &motions),
-                marks: summary.marks,
+                inputs: features.inputs(&summary, &horizons, &motions),
+                scores: summary.scores,
             },
             line: Line::fit(past.newest(LINE_SAMPLES)),
         }
@@ -236,19 +231,23 @@ impl Forecaster {
 
     fn ellipses(
         &self,
-        known: &Known,
-        said: &[f32; HORIZONS],
+        analysis: &Analysis,
+        log_scales: &[f32; HORIZONS],
         covariance: &Covariance,
         settings: &Settings,
     ) -> [[f32; 3]; HORIZONS] {
-        ellipses(&self.marks.moments, &known.horizons, said, |ahead_s| {
-            expected_variance(covariance, known.line.as_ref(), ahead_s, settings)
-        })
+        ellipses(
+            &self.scores.moments,
+            &analysis.horizons,
+            log_scales,
+            |ahead_s| expected_variance(covariance, analysis.line.as_ref(), ahead_s, settings),
+        )
     }
 }
 
-/// One step of backpropagation on an earlier forecast and what came of it. Loss: ln(1 + e²/s²), e the mixture's error and s
-/// the best expert's usual one; beyond s, a miss pulls the less the larger it is.
+/// One step of backpropagation on an earlier forecast. The loss is ln(1 + e²/s²), where e is the
+/// error of the mixture and s the typical error of the best expert. Beyond s, the gradient falls
+/// with the error.
 fn train(network: &mut Network, comparison: &Comparison<'_>) {
     let Comparison {
         issued,
@@ -256,98 +255,41 @@ fn train(network: &mut Network, comparison: &Comparison<'_>) {
         mixed,
         ..
     } = *comparison;
-    let error = [0, 1].map(|axis| mixed[axis] - comparison.came[axis]);
-    let usual = comparison.usual_error * comparison.usual_error;
-    let bound = usual + error[0] * error[0] + error[1] * error[1];
-    let by_place = error.map(|error| 2.0 * error / bound);
+    let error = [0, 1].map(|axis| mixed[axis] - comparison.measured[axis]);
+    let typical = comparison.typical_error * comparison.typical_error;
+    let bound = typical + error[0] * error[0] + error[1] * error[1];
+    let by_position = error.map(|error| 2.0 * error / bound);
     let mut by_logits = [0.0; EXPERTS];
-    for ((by_logit, share), place) in by_logits
+    for ((by_logit, share), position) in by_logits
         .iter_mut()
         .zip(&issued.shares[horizon])
-        .zip(&comparison.places)
+        .zip(&comparison.positions)
     {
-        let [x, y] = [0, 1].map(|axis| place[axis] - mixed[axis]);
-        *by_logit = share * (by_place[0] * x + by_place[1] * y);
+        let [x, y] = [0, 1].map(|axis| position[axis] - mixed[axis]);
+        *by_logit = share * (by_position[0] * x + by_position[1] * y);
     }
-    // The answer is that of the moment, not of the weights as they are by now: they change little within two seconds.
+    // These are the activations at the time of the forecast. The weights change little within two
+    // seconds.
     let mut by_outputs = [0.0; OUTPUTS];
-    back_to_said(&issued.answer, horizon, &by_logits, &mut by_outputs);
-    network.train(&issued.inputs, &issued.answer, &by_outputs, DESCENT);
+    back_to_logits(&issued.activations, horizon, &by_logits, &mut by_outputs);
+    network.train(
+        &issued.inputs,
+        &issued.activations,
+        &by_outputs,
+        GRADIENT_STEP,
+    );
 }
 
-impl Forecast {
-    pub(crate) const EMPTY: Self = Self {
-        horizons: Horizons::ONE_SECOND,
-        longest_s: 1.0,
-        speed_limit: 0.0,
-        origin: [0.0; 2],
-        motions: [Motion::NONE; EXPERTS],
-        shares: [[0.0; EXPERTS]; HORIZONS],
-        covariance: [[0.0; 2]; 2],
-        covariances: [[[0.0; 2]; 2]; HORIZONS],
-        velocity: [0.0; 2],
-        turn_rate_rad_s: 0.0,
-    };
-
-    /// Longest time ahead that is looked at, in seconds.
-    pub(crate) fn longest_s(&self) -> f64 {
-        self.longest_s
-    }
-
-    /// Place and covariance `ahead_s` seconds after the newest sample. Shares are interpolated between the horizons,
-    /// experts say where they are at this very moment. After the last horizon its shares hold, and standard deviations grow with
-    /// time, until the longest gap.
-    pub(crate) fn at(&self, ahead_s: f64) -> ([f64; 2], Covariance) {
-        let ahead_s = ahead_s.clamp(0.0, self.longest_s);
-        let (index, part) = self.horizons.around(ahead_s);
-        let next = (index + 1).min(HORIZONS - 1);
-        let mut place = [0.0_f32; 2];
-        let shares = self.shares[index].iter().zip(&self.shares[next]);
-        for (motion, (share, later)) in self.motions.iter().zip(shares) {
-            let share = share + part as f32 * (later - share);
-            if share == 0.0 {
-                continue;
-            }
-            let [x, y] = motion.at(ahead_s as f32);
-            place[0] += share * x;
-            place[1] += share * y;
-        }
-        let reach = self.speed_limit * ahead_s;
-        let place = add(self.origin, limited(place.map(f64::from), reach));
-
-        let times_s = &self.horizons.times_s;
-        let covariance = if ahead_s > times_s[HORIZONS - 1] {
-            let growth = ahead_s / times_s[HORIZONS - 1];
-            self.covariances[HORIZONS - 1].map(|row| scale(row, growth * growth))
-        } else if ahead_s <= times_s[0] {
-            let part = ahead_s / times_s[0];
-            interpolated(&self.covariance, &self.covariances[0], part)
-        } else {
-            let part = (ahead_s - times_s[index]) / (times_s[next] - times_s[index]);
-            interpolated(&self.covariances[index], &self.covariances[next], part)
-        };
-        (place, covariance)
-    }
-}
-
-fn interpolated(from: &Covariance, to: &Covariance, part: f64) -> Covariance {
-    let mut covariance = *from;
-    for (row, to) in covariance.iter_mut().zip(to) {
-        *row = add(*row, scale(sub(*to, *row), part));
-    }
-    covariance
-}
-
-/// Variance of a measurement `ahead_s` after the newest sample before any error is known, on each axis: observation
-/// noise as a line carries it forward, the measurement's own, and what the object may do of its own will. Without a
-/// velocity it may go anywhere within its top speed.
+/// Variance per axis of a measurement `ahead_s` after the newest sample, used until errors are
+/// known: the noise of the samples extrapolated along a line, the noise of the measurement, and the
+/// acceleration of the object. Without a velocity, the object may go anywhere within its top speed.
 fn expected_variance(
     observation: &Covariance,
     line: Option<&Line>,
     ahead_s: f64,
     settings: &Settings,
 ) -> f64 {
-    let (noise_gain, will) = match line {
+    let (noise_gain, manoeuvre) = match line {
         Some(line) => {
             let speed = norm(line.velocity).min(settings.speed_limit());
             let acceleration = speed / STOPPING_TIME_S;
@@ -358,17 +300,5 @@ fn expected_variance(
         }
         None => (1.0, 0.5 * settings.top_speed * ahead_s),
     };
-    0.5 * trace(observation) * (1.0 + noise_gain) + will * will
-}
-
-/// The vector, shortened to the length `most`; zero if it is not finite.
-fn limited(vector: [f64; 2], most: f64) -> [f64; 2] {
-    let length = sqrt(norm_squared(vector));
-    if !length.is_finite() {
-        [0.0; 2]
-    } else if length > most {
-        scale(vector, most / length)
-    } else {
-        vector
-    }
+    0.5 * trace(observation) * (1.0 + noise_gain) + manoeuvre * manoeuvre
 }

@@ -1,31 +1,40 @@
-//! The direction of a marker over time: measured angles, unwrapped, and a constant turn rate through the last of them.
+//! The heading of a marker over time: unwrapped angles, and a constant turn rate fitted to the
+//! newest of them.
 
 use core::f64::consts::PI;
 
 use libm::floor;
 
-use crate::NS_PER_S;
-use crate::experts::Steering;
 use crate::history::Sample;
 use crate::observation::Heading;
+use crate::time::seconds_between;
 
-/// Measurements of the turn rate's line fit.
+/// Number of angles that the turn rate is fitted to.
 pub(crate) const MAX_ANGLES: usize = 5;
-/// Standard deviation of the turn rate as long as one direction is all that is known, in rad/s.
+/// Standard deviation of the turn rate when only one angle is known, in rad/s.
 const UNKNOWN_RATE_RAD_S: f64 = 1.0;
-/// Variance of a direction of which nothing is known: even over the whole turn.
+/// Variance of an unknown direction: uniform over the full circle.
 const MAX_VARIANCE: f64 = PI * PI / 3.0;
 
-/// The last measured directions.
+/// The newest measured headings.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct HeadingTrack {
     times_ns: [u64; MAX_ANGLES],
-    /// Relative to each other without jumps of a whole turn; the newest within (-π, π].
+    /// Unwrapped relative to each other. The newest is within (-π, π].
     angles_rad: [f64; MAX_ANGLES],
     len: usize,
     variance: f64,
     rate_rad_s: f64,
     rate_variance: f64,
+}
+
+/// Turn rate of a marker, and its headings at the newest positions, newest first.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Steering {
+    pub(crate) rate_rad_s: f64,
+    /// The first `len` are valid. They are unwrapped relative to each other.
+    pub(crate) headings_rad: [f64; MAX_ANGLES],
+    pub(crate) len: usize,
 }
 
 impl HeadingTrack {
@@ -38,19 +47,14 @@ impl HeadingTrack {
         rate_variance: 0.0,
     };
 
-    /// Adds a measurement not older than the newest one.
+    /// Adds a measurement that is not older than the newest one.
     ///
-    /// Of the angles that differ by whole turns, the one nearest to the forecast is taken. No robot is taken to
-    /// turn by more than half a turn a frame, since the camera could not tell; after more than `longest_gap_s`
-    /// without a measurement the past is forgotten, since whole turns cannot be counted over it.
-    pub(crate) fn observe(
-        &mut self,
-        time_ns: u64,
-        measured: Heading,
-        step_s: f64,
-        longest_gap_s: f64,
-    ) {
-        if self.len > 0 && self.age_s(time_ns) > longest_gap_s {
+    /// Of the angles that differ by full turns, the one nearest to the extrapolated heading is
+    /// used. A robot is assumed to turn by less than half a turn per frame, since the camera cannot
+    /// tell otherwise. After more than `max_gap_s` without a measurement the older angles are
+    /// dropped, because full turns cannot be counted across the gap.
+    pub(crate) fn observe(&mut self, time_ns: u64, measured: Heading, step_s: f64, max_gap_s: f64) {
+        if self.len > 0 && self.age_s(time_ns) > max_gap_s {
             self.len = 0;
         }
         self.variance = measured.variance;
@@ -69,7 +73,8 @@ impl HeadingTrack {
         self.times_ns[self.len] = time_ns;
         self.angles_rad[self.len] = angle;
         self.len += 1;
-        // Whole turns taken out of all alike, so that the numbers stay small however long a robot spins.
+        // Subtracting the same full turns from all angles keeps them small however long a robot
+        // spins.
         let turns = angle - wrapped(angle);
         for angle in &mut self.angles_rad[..self.len] {
             *angle -= turns;
@@ -77,7 +82,7 @@ impl HeadingTrack {
         self.fit_rate(PI / step_s);
     }
 
-    /// Direction at a moment not before the newest measurement.
+    /// Heading at a time not before the newest measurement.
     pub(crate) fn at(&self, time_ns: u64) -> Option<Heading> {
         let newest = self.angles_rad[..self.len].last()?;
         let age_s = self.age_s(time_ns);
@@ -87,8 +92,8 @@ impl HeadingTrack {
         })
     }
 
-    /// How an object is steered whose newest places are given, oldest first; `None` where too few of them have a
-    /// direction.
+    /// Steering of an object with these newest samples, oldest first. `None` if fewer than two of
+    /// them have a heading.
     pub(crate) fn steering(&self, samples: &[Sample]) -> Option<Steering> {
         let mut steering = Steering {
             rate_rad_s: self.rate_rad_s,
@@ -112,12 +117,11 @@ impl HeadingTrack {
     }
 
     fn age_s(&self, time_ns: u64) -> f64 {
-        let newest_ns = self.times_ns[self.len - 1];
-        time_ns.saturating_sub(newest_ns) as f64 / NS_PER_S
+        seconds_between(self.times_ns[self.len - 1], time_ns)
     }
 
-    /// Slope of the least-squares line through the angles, within ±`most_rad_s`.
-    fn fit_rate(&mut self, most_rad_s: f64) {
+    /// Slope of the least-squares line through the angles, limited to ±`max_rad_s`.
+    fn fit_rate(&mut self, max_rad_s: f64) {
         self.rate_rad_s = 0.0;
         self.rate_variance = UNKNOWN_RATE_RAD_S * UNKNOWN_RATE_RAD_S;
         if self.len < 2 {
@@ -125,7 +129,7 @@ impl HeadingTrack {
         }
         let n = self.len as f64;
         let first_ns = self.times_ns[0];
-        let seconds = |time_ns: u64| (time_ns - first_ns) as f64 / NS_PER_S;
+        let seconds = |time_ns: u64| seconds_between(first_ns, time_ns);
         let points = self.times_ns[..self.len]
             .iter()
             .map(|time_ns| seconds(*time_ns))
@@ -140,7 +144,7 @@ impl HeadingTrack {
                 moment + from_mean_s * (rad - mean_rad),
             )
         });
-        self.rate_rad_s = (moment / spread).clamp(-most_rad_s, most_rad_s);
+        self.rate_rad_s = (moment / spread).clamp(-max_rad_s, max_rad_s);
         self.rate_variance = self.variance / spread;
     }
 }
@@ -149,7 +153,7 @@ impl HeadingTrack {
 fn wrapped(rad: f64) -> f64 {
     let turns = floor((PI - rad) / (2.0 * PI));
     let angle = rad + 2.0 * PI * turns;
-    // Rounding may leave -π itself, which is π.
+    // Rounding may give exactly -π, which stands for π.
     if angle <= -PI { PI } else { angle.min(PI) }
 }
 
@@ -168,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn wraps_to_the_half_open_turn() {
+    fn wraps_to_the_half_open_interval() {
         for (rad, expected) in [(0.0, 0.0), (PI, PI), (-PI, PI), (4.0, 4.0 - 2.0 * PI)] {
             assert!((wrapped(rad) - expected).abs() < 1e-12, "{rad}");
         }
@@ -176,10 +180,10 @@ mod tests {
     }
 
     #[test]
-    fn a_spinning_marker_keeps_its_rate_over_the_wrap() {
+    fn the_rate_of_a_spinning_marker_survives_wrapping() {
         for rate in [-20.0, -3.0, 3.0, 20.0] {
             let mut track = HeadingTrack::EMPTY;
-            // Slow at first: the camera cannot see the sense of a fast spin from two frames.
+            // Slow at first: two frames do not show the sense of a fast spin.
             let mut angle = 0.0;
             let mut time_ns = 0;
             for i in 0..200 {
@@ -196,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn uncertainty_grows_to_that_of_any_direction() {
+    fn variance_grows_to_that_of_an_unknown_direction() {
         let mut track = HeadingTrack::EMPTY;
         track.observe(0, heading(1.0), STEP_S, 1.0);
         assert_eq!(track.rate_rad_s(), None);
@@ -206,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_gap_starts_again() {
+    fn a_long_gap_resets_the_rate() {
         let mut track = HeadingTrack::EMPTY;
         track.observe(0, heading(0.0), STEP_S, 1.0);
         track.observe(STEP_NS, heading(0.3), STEP_S, 1.0);

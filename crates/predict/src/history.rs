@@ -1,11 +1,11 @@
-//! The last places where an object was really seen, in order of time.
+//! The newest measured positions of an object, in order of time.
 
-use crate::NS_PER_S;
+use crate::time::seconds_between;
 
-/// Samples kept; enough for the longest fit.
+/// Number of samples kept: enough for the longest fit.
 pub(crate) const MAX_SAMPLES: usize = 32;
 
-/// A place at a moment of the tracker's own clock.
+/// A position at a time of the tracker's clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sample {
     pub(crate) time_ns: u64,
@@ -20,11 +20,11 @@ impl Sample {
 
     /// Seconds from `earlier` to `self`.
     pub(crate) fn seconds_since(&self, earlier: &Self) -> f64 {
-        self.time_ns.saturating_sub(earlier.time_ns) as f64 / NS_PER_S
+        seconds_between(earlier.time_ns, self.time_ns)
     }
 }
 
-/// At most [`MAX_SAMPLES`] samples, oldest first, times strictly increasing.
+/// At most [`MAX_SAMPLES`] samples, oldest first, with strictly increasing times.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct History {
     samples: [Sample; MAX_SAMPLES],
@@ -45,14 +45,14 @@ impl History {
         self.samples().last()
     }
 
-    /// Adds a sample not older than the newest one and says whether the history grew by it.
+    /// Adds a sample that is not older than the newest one. Returns whether the history grew.
     ///
-    /// Only the newest two samples may be closer together than `least_spacing_ns`, and none are at the same time: a
-    /// burst of frames, or a time stamp given twice, replaces the newest sample instead of filling the history with
-    /// moments too close for a slope.
-    pub(crate) fn push(&mut self, sample: Sample, least_spacing_ns: u64) -> bool {
+    /// Only the newest two samples may be closer together than `min_spacing_ns`. A burst of frames
+    /// or a repeated time stamp replaces the newest sample, so that the history is not filled with
+    /// samples too close together to fit a slope.
+    pub(crate) fn push(&mut self, sample: Sample, min_spacing_ns: u64) -> bool {
         if let [.., before, newest] = self.samples()
-            && newest.time_ns - before.time_ns < least_spacing_ns
+            && newest.time_ns - before.time_ns < min_spacing_ns
         {
             self.samples[self.len - 1] = sample;
             return false;
@@ -76,7 +76,7 @@ impl History {
         true
     }
 
-    /// Moves all samples: the object is from now on measured at another point of its body.
+    /// Moves all samples: from now on, the object is measured at another reference point.
     pub(crate) fn translate(&mut self, by: [f64; 2]) {
         for sample in &mut self.samples[..self.len] {
             sample.position[0] += by[0];
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn forgets_the_oldest() {
+    fn drops_the_oldest_sample() {
         let mut history = History::EMPTY;
         for time in 1..=MAX_SAMPLES as u64 + 3 {
             assert!(history.push(at(time), 0));
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_burst_replaces_the_newest() {
+    fn a_burst_replaces_the_newest_sample() {
         let mut history = History::EMPTY;
         for time in [0, 100, 101, 102, 210] {
             history.push(at(time), 50);
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_moment_twice_keeps_the_later_place() {
+    fn a_repeated_time_keeps_the_later_position() {
         let mut history = History::EMPTY;
         history.push(at(7), 0);
         let moved = Sample {

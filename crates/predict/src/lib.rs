@@ -1,90 +1,75 @@
-//! Positions in, tracks and forecasts out (section 3 of Engedy and Horváth, "Global, camera-based localization and
-//! prediction of future positions in mobile robot navigation"; below: the paper).
+//! Multi-object tracking and motion forecasts from position measurements (section 3 of Engedy and
+//! Horváth, "Global, camera-based localization and prediction of future positions in mobile robot
+//! navigation"; "the paper" below).
 //!
-//! Once a frame, [`Tracker::update`] takes what was seen on the floor and decides which known object each sighting
-//! is, where the unseen ones are by now, and where all of them will be during the next [`FARTHEST_S`] seconds:
+//! [`Tracker::update`] is called once per frame with the observations of that frame. It decides
+//! which known object each observation belongs to, estimates where unobserved objects are, and
+//! forecasts all of them for the next [`FORECAST_RANGE_S`] seconds:
 //!
-//! 1. `tracker`: identities. Every track is forecast to the frame's own time stamp, sightings are assigned to
-//!    tracks, a missing sighting is replaced by the forecast for a while, new things start tracks (section 3.1.1). A robot
-//!    whose marker is read keeps its number wherever it turns up.
-//! 2. `assign`: which sighting belongs to which track, all at once at the least cost. `hypotheses` are the places at which an
-//!    object may be: where it is forecast, where its newest step leads, where a wall throws it back.
-//! 3. `merge`: which observations are of several objects that touch, and where in it each of them is.
-//! 4. `track`: what is known of one object; `history` and `heading` hold its samples.
-//! 5. `forecast`: a mixture of classical forecasts. `experts` are fits of a few kinds of `motion` to stretches of the past;
-//!    `marks` tell how each has done on this very track at each `horizon`; from these and from the motion itself (`inputs`) a
-//!    small neural `network` says how much of each goes into the `mixture`, and goes on learning on line by backpropagation
-//!    (section 3.1.2); `ellipse` says how wrong the result may be.
-//!
-//! The network starts from weights made beforehand of generated motions; [`training`] is for the program that makes them.
+//! * `tracker`: the life cycle of tracks (section 3.1.1). A robot whose marker is read keeps its id
+//!   wherever it reappears. `tracker::association` assigns observations to tracks,
+//!   `tracker::hypotheses` lists the positions where an object may be, `tracker::merge` finds blobs
+//!   that contain several touching objects, `tracker::track` is the state of one object.
+//! * `forecast`: a mixture of classical forecasts (section 3.1.2). `forecast::experts` fits a few
+//!   kinds of motion to recent samples, `forecast::scores` measures how well each expert has done
+//!   on this track, and a small neural network (`forecast::network`) turns both into the share of
+//!   each expert in the mixture. It keeps learning online by backpropagation. `forecast::ellipse`
+//!   estimates the error of the result.
+//! * [`training`]: for the program that computes the start weights of the network from generated
+//!   motions.
 //!
 //! # Units
 //!
-//! Lengths are in whatever unit the observations use, pixels or metres; [`Settings`] must use the same. Times are
-//! seconds where a name ends in `_s` and nanoseconds where it ends in `_ns`, angles are radians. Axes and the sense
-//! of rotation are the caller's.
+//! Lengths are in the unit of the observations, pixels or metres. [`Settings`] must use the same
+//! unit. Times are in seconds where a name ends in `_s` and in nanoseconds where it ends in `_ns`.
+//! Angles are in radians. The caller chooses the axes and the sense of rotation.
 //!
 //! # Guarantees
 //!
-//! * Equal inputs give equal outputs, on every machine: no clock, no randomness, no memory beside the [`Tracker`], and
-//!   mathematical functions of our own choice (`libm`) in one order.
-//! * Whatever the inputs, NaN and backward time stamps included, no call panics and every published number is
-//!   finite.
-//! * No heap. The work of a call is bounded by [`MAX_TRACKS`] and [`MAX_OBSERVATIONS`]; what does not fit is
-//!   counted.
+//! * Equal inputs give equal outputs on every machine. There is no clock, no randomness and no
+//!   state outside the [`Tracker`], and mathematical functions come from `libm`, evaluated in a
+//!   fixed order.
+//! * No call panics and every published number is finite, whatever the inputs, including NaN and
+//!   time stamps that go backwards.
+//! * No heap allocation. The work per call is bounded by [`MAX_TRACKS`] and [`MAX_OBSERVATIONS`].
+//!   Anything beyond that is counted.
 //!
 //! # Differences from the paper
 //!
-//! * The paper's network maps absolute positions to the next position, starts from nothing and is fed back on itself. Built
-//!   literally, it is 98 px wrong 30 frames ahead on a straight line without noise, after 32 samples. Here the network weighs
-//!   classical forecasts, for near and far at once, and starts from what it learned of generated motions (`forecast`).
-//! * The paper takes for each track the nearest observation, so two tracks may claim the same one. Here an
-//!   observation is used once (`assign`).
-//! * The paper makes the prediction the newest sample when an object is missed. Here the forecast of the last real
-//!   sample is followed further instead: the same place, but nothing is fitted to or learned from positions that
-//!   nobody saw.
-//! * The paper assumes even frames. Here every step uses the frames' time stamps.
+//! * The paper's network maps absolute positions to the next position, starts untrained and is fed
+//!   its own output. Implemented literally, it is 98 px off 30 frames ahead on a straight line
+//!   without noise, after 32 samples. Here the network weighs classical forecasts, for all horizons
+//!   at once, and starts from weights trained on generated motions.
+//! * The paper assigns the nearest observation to each track, so two tracks may claim the same one.
+//!   Here each observation is used once.
+//! * When an object is not observed, the paper uses the prediction as the newest sample. Here the
+//!   forecast made at the last real sample is extrapolated. The position is the same, but nothing
+//!   is fitted to or learned from positions that were never measured.
+//! * The paper assumes a constant frame rate. Here every step uses the time stamps of the frames.
 //!
 //! # Deliberately absent
 //!
-//! Random numbers, a Kalman filter, and what other objects do.
+//! Random numbers, a Kalman filter for motion, and interaction between objects.
 #![no_std]
 #![forbid(unsafe_code)]
 
-mod assign;
+mod bounds;
 mod covariance;
-mod ellipse;
-mod experts;
 mod forecast;
 mod heading;
 mod history;
-mod horizon;
-mod hypotheses;
-mod inputs;
-mod marks;
-mod merge;
-mod mixture;
-mod motion;
-mod network;
+mod layout;
+mod limits;
 mod observation;
-mod track;
+mod time;
 mod tracker;
 pub mod training;
-mod turn;
 mod vector;
 
-pub use horizon::FARTHEST_S;
+pub use forecast::curve::ForecastPoint;
+pub use limits::{
+    FORECAST_RANGE_S, FORECAST_SPACING_S, MAX_FORECAST, MAX_OBSERVATIONS, MAX_TRACKS,
+};
 pub use observation::{Heading, Observation, Settings};
-pub use track::{ForecastPoint, Track};
+pub use tracker::track::Track;
 pub use tracker::{Tracker, Update};
-
-/// Most tracks alive at once.
-pub const MAX_TRACKS: usize = 64;
-/// Most observations of one frame that are looked at; the rest is counted in [`Update::overflow`].
-pub const MAX_OBSERVATIONS: usize = 2 * MAX_TRACKS;
-/// Points of a forecast.
-pub const MAX_FORECAST: usize = 20;
-/// Seconds from one point of a forecast to the next.
-pub const FORECAST_SPACING_S: f64 = horizon::FARTHEST_S / MAX_FORECAST as f64;
-
-const NS_PER_S: f64 = 1e9;

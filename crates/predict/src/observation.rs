@@ -1,42 +1,45 @@
-//! What the caller gives: observations of one frame and the settings.
+//! The caller's input: observations and settings.
 
 use crate::covariance::semidefinite;
 
-/// A place further out than this is a fault of the caller's arithmetic, not a place on a floor, in any unit.
+/// Larger coordinates are an error of the caller, in any unit.
 const MAX_COORDINATE: f64 = 1e9;
-/// Longest gap in seconds, and in frames where these are slow.
-const LONGEST_GAP_S: f64 = 2.0;
-const LEAST_GAP_FRAMES: f64 = 4.0;
-/// What is faster than so many top speeds is not followed: top speeds are guessed.
-const TOP_SPEEDS: f64 = 2.0;
+/// Longest gap, in seconds or in frames, whichever is longer.
+const MAX_GAP_S: f64 = 2.0;
+const MAX_GAP_FRAMES: f64 = 4.0;
+/// Objects faster than this multiple of the top speed are not tracked. The top speed is only an
+/// estimate.
+const SPEED_MARGIN: f64 = 2.0;
 const MAX_VARIANCE: f64 = MAX_COORDINATE * MAX_COORDINATE;
 
-/// One thing seen in one frame.
+/// One object detected in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// Measured place: the centre of the plate when the marker was read, otherwise the centre of area.
+    /// Measured position: the centre of the plate if the marker was read, otherwise the centroid.
     pub x: f64,
     /// See `x`.
     pub y: f64,
-    /// Covariance of (x, y), in squared units.
+    /// Covariance of (x, y) in squared units.
     pub covariance: [[f64; 2]; 2],
-    /// Direction of the marker, where one was read.
+    /// Heading of the marker, if it was read.
     pub heading: Option<Heading>,
-    /// Index of the marker that was read, `None` for a thing without one or with one that could not be read.
+    /// Index of the marker that was read. `None` for an object without a marker, or with one that
+    /// could not be read.
     pub marker: Option<u32>,
-    /// Distance from (x, y) to the farthest point of the whole object's outline, in units. 0 for a point, which nothing
-    /// can merge with.
+    /// Distance from (x, y) to the farthest point of the object's contour, in units. 0 for a point,
+    /// which cannot merge with other objects.
     pub reach: f64,
-    /// Area within the whole object's outline, in squared units.
+    /// Area inside the object's contour, in squared units.
     pub area: f64,
 }
 
-/// A direction and how well it is known.
+/// A direction and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Heading {
-    /// Direction in radians, from +x towards +y. Any turn on input, within (-π, π] on output.
+    /// Direction in radians, from +x towards +y. Any number of turns on input, within (-π, π] on
+    /// output.
     pub rad: f64,
-    /// Its variance in rad².
+    /// Variance in rad².
     pub variance: f64,
 }
 
@@ -45,22 +48,25 @@ pub struct Heading {
 pub struct Settings {
     /// Nominal time between two frames in seconds.
     pub frame_period_s: f64,
-    /// Speed of the fastest object in units a second.
+    /// Speed of the fastest object in units per second.
     pub top_speed: f64,
-    /// Distance by which an object at rest may be found beside its forecast: noise and a change of shape, in units.
+    /// Distance, in units, at which an object at rest may be found from its forecast because of
+    /// noise and changes of shape.
     pub gate_base: f64,
-    /// Standard deviation, in units and each axis, of the distance between a marker's centre and the centre of area
-    /// of the whole object that carries it. Says how far an observation without marker is trusted as the place of a
-    /// marked robot.
+    /// Standard deviation per axis, in units, of the offset between the centre of a marker and the
+    /// centroid of the object that carries it. It determines how much an observation without a
+    /// marker is trusted as the position of a marked robot.
     pub marker_offset: f64,
-    /// Consecutive frames for which a missing observation is replaced by the forecast before the track is retired.
+    /// Number of consecutive frames without an observation after which a track is dropped. Until
+    /// then the forecast replaces the measurement.
     pub max_misses: u32,
-    /// Sightings before a track is reported; until then one miss ends it. 1 reports everything at once, 0 means 1.
+    /// Number of observations before a track is reported. Until then a single miss ends it. 1
+    /// reports every track at once; 0 means 1.
     pub confirm: u32,
 }
 
 impl Default for Settings {
-    /// For observations in pixels of a 640x480 picture at 15 frames a second.
+    /// For observations in pixels of a 640x480 picture at 15 frames per second.
     fn default() -> Self {
         Self {
             frame_period_s: 1.0 / 15.0,
@@ -74,8 +80,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The same settings for observations in another unit: all lengths times `units_per_unit`, for example the
-    /// metres of a pixel on the floor.
+    /// The same settings in another unit: all lengths are multiplied by `units_per_unit`, for
+    /// example by the metres per pixel on the floor.
     #[must_use]
     pub fn scaled(self, units_per_unit: f64) -> Self {
         Self {
@@ -86,21 +92,21 @@ impl Settings {
         }
     }
 
-    /// Every value within what the arithmetic bears; one that is no number becomes the default.
+    /// Every value limited to the range that the arithmetic supports. NaN becomes the default.
     pub(crate) fn checked(self) -> Self {
-        let within = |value: f64, default: f64, least: f64, most: f64| {
+        let clamped = |value: f64, default: f64, min: f64, max: f64| {
             if value.is_nan() {
                 default
             } else {
-                value.clamp(least, most)
+                value.clamp(min, max)
             }
         };
         let default = Self::default();
         Self {
-            frame_period_s: within(self.frame_period_s, default.frame_period_s, 1e-4, 10.0),
-            top_speed: within(self.top_speed, default.top_speed, 0.0, MAX_COORDINATE),
-            gate_base: within(self.gate_base, default.gate_base, 0.0, MAX_COORDINATE),
-            marker_offset: within(
+            frame_period_s: clamped(self.frame_period_s, default.frame_period_s, 1e-4, 10.0),
+            top_speed: clamped(self.top_speed, default.top_speed, 0.0, MAX_COORDINATE),
+            gate_base: clamped(self.gate_base, default.gate_base, 0.0, MAX_COORDINATE),
+            marker_offset: clamped(
                 self.marker_offset,
                 default.marker_offset,
                 0.0,
@@ -111,25 +117,26 @@ impl Settings {
         }
     }
 
-    /// Longest time over which anything is extrapolated. A longer pause between two frames counts as this long.
-    pub(crate) fn longest_gap_s(&self) -> f64 {
-        LONGEST_GAP_S.max(LEAST_GAP_FRAMES * self.frame_period_s)
+    /// Longest time that anything is extrapolated. A longer pause between two frames counts as this
+    /// long.
+    pub(crate) fn max_gap_s(&self) -> f64 {
+        MAX_GAP_S.max(MAX_GAP_FRAMES * self.frame_period_s)
     }
 
-    /// Farthest that an object can have gone in a time, in units.
-    pub(crate) fn farthest(&self, time_s: f64) -> f64 {
-        self.gate_base + TOP_SPEEDS * self.top_speed * time_s
+    /// Maximum distance that an object can cover in a time, in units.
+    pub(crate) fn max_distance(&self, time_s: f64) -> f64 {
+        self.gate_base + SPEED_MARGIN * self.top_speed * time_s
     }
 
-    /// Speed that no forecast exceeds, in units a second: none faster is followed.
+    /// Maximum speed of a forecast in units per second: nothing faster is tracked.
     pub(crate) fn speed_limit(&self) -> f64 {
-        self.farthest(self.frame_period_s) / self.frame_period_s
+        self.max_distance(self.frame_period_s) / self.frame_period_s
     }
 }
 
 impl Observation {
-    /// The observation with a symmetric, positive semidefinite covariance; `None` if a number in it is not finite,
-    /// a variance negative or a coordinate or extent absurd.
+    /// The observation with a symmetric, positive semidefinite covariance. `None` if a number is
+    /// not finite, a variance is negative, or a coordinate or extent is out of range.
     pub(crate) fn checked(&self) -> Option<Self> {
         let [[xx, xy], [yx, yy]] = self.covariance;
         let place_ok = self.x.abs() <= MAX_COORDINATE && self.y.abs() <= MAX_COORDINATE;
@@ -165,7 +172,7 @@ mod tests {
     };
 
     #[test]
-    fn refuses_what_is_no_place() {
+    fn rejects_invalid_observations() {
         assert!(PLAIN.checked().is_some());
         for x in [f64::NAN, f64::INFINITY, -1e10] {
             assert_eq!(Observation { x, ..PLAIN }.checked(), None);
@@ -203,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn repairs_settings_that_are_no_numbers() {
+    fn repairs_invalid_settings() {
         let settings = Settings {
             frame_period_s: f64::NAN,
             top_speed: f64::INFINITY,

@@ -1,27 +1,27 @@
-//! The life of tracks: forecast, assignment, substitution, retirement, birth (section 3.1.1 of the paper).
+//! The life cycle of tracks: association, substitution by the forecast, retirement, start (section
+//! 3.1.1 of the paper).
 
-use crate::assign::assign;
-use crate::forecast::{NO_WALLS, Walls, pushed_out};
-use crate::hypotheses::Hypotheses;
-use crate::merge::{Sighting, find_merged, stands_alone};
+mod assign;
+mod association;
+mod blob;
+mod frame_context;
+mod hypotheses;
+mod merge;
+pub(crate) mod track;
+
+use crate::bounds::{Bounds, NO_BOUNDS, expanded};
+use crate::limits::{MAX_OBSERVATIONS, MAX_TRACKS};
 use crate::observation::{Observation, Settings};
-use crate::track::{Now, Track};
-use crate::vector::{norm, sub};
-use crate::{MAX_OBSERVATIONS, MAX_TRACKS, NS_PER_S};
+use crate::time::NS_PER_S;
+use crate::tracker::association::{Association, associate};
+use crate::tracker::frame_context::FrameContext;
+use crate::tracker::merge::is_isolated;
+use crate::tracker::track::Track;
 
-/// Gate of a track seen in the last frame, in ways at top speed since then. The forecast may be as wrong as twice
-/// the top speed where an object turns back; narrower gates lose objects in measurements, wider ones gain nothing.
-const GATE_SPEEDS: f64 = 3.0;
-/// By how much unlikelier it is that a thing is not seen than that it is seen at the edge of its gate.
-const UNSEEN: f64 = 3.0;
-/// How much wider the gate is between an observation and the track of the same marker: no other track may claim
-/// that, so a robot may have been carried a bit.
-const SAME_MARKER_GATES: f64 = 3.0;
-
-/// All objects on the floor, from frame to frame.
+/// Tracks all objects on the floor from frame to frame.
 ///
-/// The tracks themselves are kept where the caller says, since one of them takes about 51 kB and there is no heap here: in
-/// `S`, which may be a vector, a boxed slice or an array.
+/// The caller provides the memory for the tracks, because a track takes about 51 kB and this crate
+/// has no heap. `S` may be a vector, a boxed slice or an array.
 ///
 /// ```
 /// use predict::{MAX_TRACKS, Track, Tracker};
@@ -31,36 +31,39 @@ const SAME_MARKER_GATES: f64 = 3.0;
 /// ```
 #[derive(Debug, Clone)]
 pub struct Tracker<S> {
-    /// The first `n_tracks` are alive, in the order of their numbers.
+    /// The first `n_tracks` are alive, in order of their ids.
     storage: S,
     n_tracks: usize,
     next_id: u64,
-    /// The tracker's own time: the sum of all forward steps of the time stamps, none longer than the longest gap.
+    /// The tracker's own time: the sum of all forward steps of the time stamps, each limited to the
+    /// longest gap.
     clock_ns: u64,
     last_stamp_ns: Option<u64>,
     settings: Settings,
-    walls: Walls,
-    /// Markers and numbers of robots that are gone, the longest gone first.
-    remembered: [(u32, u64); MAX_TRACKS],
-    n_remembered: usize,
+    bounds: Bounds,
+    /// Markers and ids of robots whose tracks are retired, oldest first.
+    retired_robots: [(u32, u64); MAX_TRACKS],
+    n_retired_robots: usize,
 }
 
-/// What [`Tracker::update`] did to the frame's observations and the tracks.
+/// What [`Tracker::update`] did with the observations and tracks of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Update {
-    /// Observations ignored because a number in them was not finite, a variance negative or a coordinate beyond 1e9.
+    /// Observations ignored because a number was not finite, a variance negative, or a coordinate
+    /// beyond 1e9.
     pub rejected: usize,
-    /// Observations ignored for want of room: past [`MAX_OBSERVATIONS`], or new with as many tracks alive as there is room for.
+    /// Observations ignored for lack of capacity: beyond [`MAX_OBSERVATIONS`], or new when all
+    /// tracks were in use.
     pub overflow: usize,
-    /// Tracks begun in this frame.
+    /// Tracks started in this frame.
     pub started: usize,
-    /// Tracks dropped in this frame.
+    /// Tracks retired in this frame.
     pub retired: usize,
 }
 
 impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
-    /// A tracker that has seen nothing. `storage` has room for as many tracks as may be alive at once, at most
-    /// [`MAX_TRACKS`]; what is in it does not matter.
+    /// A tracker without tracks. The length of `storage`, up to [`MAX_TRACKS`], is the maximum
+    /// number of tracks alive at once. Its contents do not matter.
     #[must_use]
     pub fn new(storage: S) -> Self {
         Self {
@@ -70,42 +73,34 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
             clock_ns: 0,
             last_stamp_ns: None,
             settings: Settings::default(),
-            walls: NO_WALLS,
-            remembered: [(0, 0); MAX_TRACKS],
-            n_remembered: 0,
+            bounds: NO_BOUNDS,
+            retired_robots: [(0, 0); MAX_TRACKS],
+            n_retired_robots: 0,
         }
     }
 
-    /// The reported tracks, in the order of their numbers.
+    /// The reported tracks in order of their ids.
     pub fn tracks(&self) -> impl Iterator<Item = &Track> {
         self.alive()
             .iter()
-            .filter(|track| track.confirmed(&self.settings))
+            .filter(|track| track.is_confirmed(&self.settings))
     }
 
-    /// Tells that the floor is another one, or another camera looks at it: forgets how far it reaches and which robots were on it.
-    /// Tracks alive go on.
+    /// Forgets the bounds of the floor and the robots that were on it. Call this when the camera
+    /// looks at another floor. Tracks that are alive continue.
     pub fn forget_floor(&mut self) {
-        self.walls = NO_WALLS;
-        self.n_remembered = 0;
+        self.bounds = NO_BOUNDS;
+        self.n_retired_robots = 0;
     }
 
-    fn alive(&self) -> &[Track] {
-        &self.storage.as_ref()[..self.n_tracks]
-    }
-
-    /// Most tracks alive at once.
-    fn room(&self) -> usize {
-        self.storage.as_ref().len().min(MAX_TRACKS)
-    }
-
-    /// Takes the observations of one frame, exposed at `stamp_ns`.
+    /// Processes the observations of one frame that was exposed at `stamp_ns`.
     ///
-    /// Frames may come unevenly. A time stamp that does not lie after the one before counts as the same moment; a
-    /// jump ahead of more than two seconds, or of four frames where these are slower, counts as that. Observations and settings may hold anything: what is
-    /// no number is ignored and counted, or replaced by the default.
+    /// The frame rate may vary. A time stamp that is not later than the previous one counts as the
+    /// same time. A step of more than two seconds, or of four frame periods if that is longer,
+    /// counts as that long. Observations and settings may hold any values: invalid observations are
+    /// ignored and counted, invalid settings become the default.
     ///
-    /// Cost: about 18 µs for each track that is observed, on one thread.
+    /// Cost: about 18 µs per observed track, on one thread.
     pub fn update(
         &mut self,
         stamp_ns: u64,
@@ -114,228 +109,89 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
     ) -> Update {
         let settings = &settings.checked();
         self.settings = *settings;
-        let frame_s = self.advance(stamp_ns);
+        let since_last_s = self.advance_clock(stamp_ns);
         let mut update = Update::default();
 
-        let n_seen = observations.len().min(MAX_OBSERVATIONS);
-        update.overflow = observations.len() - n_seen;
+        let n_used = observations.len().min(MAX_OBSERVATIONS);
+        update.overflow = observations.len() - n_used;
         let mut checked = [None; MAX_OBSERVATIONS];
         let mut taken = [false; MAX_OBSERVATIONS];
-        for (i, observation) in observations[..n_seen].iter().enumerate() {
+        for (i, observation) in observations[..n_used].iter().enumerate() {
             checked[i] = observation.checked();
             taken[i] = checked[i].is_none();
         }
-        let (checked, taken) = (&checked[..n_seen], &mut taken[..n_seen]);
+        let (checked, taken) = (&checked[..n_used], &mut taken[..n_used]);
         update.rejected = taken.iter().filter(|taken| **taken).count();
 
         for observation in checked.iter().flatten() {
-            self.walls = pushed_out(&self.walls, [observation.x, observation.y]);
+            self.bounds = expanded(&self.bounds, [observation.x, observation.y]);
         }
-        let now = Now {
-            ns: self.clock_ns,
-            walls: self.walls,
+        let frame = FrameContext {
+            time_ns: self.clock_ns,
+            since_last_s,
+            bounds: self.bounds,
             settings,
         };
-        let sightings = self.sightings(checked, taken, frame_s, now);
+        let associations = associate(self.alive(), checked, taken, frame);
         let alive = &mut self.storage.as_mut()[..self.n_tracks];
-        for (track, sighting) in alive.iter_mut().zip(sightings) {
-            match sighting {
-                Sighting::Missed => track.miss(now),
-                Sighting::Own {
+        for (track, association) in alive.iter_mut().zip(associations) {
+            match association {
+                Association::Missed => track.miss(frame),
+                Association::Own {
                     index,
                     observation,
-                    alone,
+                    isolated,
                     carried,
                 } => {
                     if carried {
-                        track.put_down();
+                        track.forget_motion();
                     }
-                    track.sight(index, observation, alone, now);
+                    track.observe(index, observation, isolated, frame);
                 }
-                Sighting::Merged(blob) => track.merge(&blob, now),
+                Association::Merged(blob) => track.observe_merged(&blob, frame),
             }
         }
         update.retired = self.retire();
-        for (i, observation) in checked.iter().enumerate() {
-            if let Some(observation) = observation.as_ref().filter(|_| !taken[i]) {
-                if self.n_tracks == self.room() {
-                    update.overflow += 1;
-                    continue;
-                }
-                let alone = stands_alone(i, checked);
-                let id = self.number_for(observation.marker);
-                let tracks = &mut self.storage.as_mut()[..=self.n_tracks];
-                tracks[self.n_tracks] = Track::start(id, i, observation, alone, now);
-                // A robot that comes back has an old number.
-                let place = tracks[..self.n_tracks].partition_point(|track| track.id() < id);
-                tracks[place..].rotate_right(1);
-                self.n_tracks += 1;
-                update.started += 1;
-            }
-        }
+        self.start_tracks(checked, taken, frame, &mut update);
         update
     }
 
-    /// Moves the clock to the frame and returns by how many seconds.
-    fn advance(&mut self, stamp_ns: u64) -> f64 {
-        let longest_ns = (self.settings.longest_gap_s() * NS_PER_S) as u64;
-        let since_last_ns = self
+    fn alive(&self) -> &[Track] {
+        &self.storage.as_ref()[..self.n_tracks]
+    }
+
+    /// Maximum number of tracks alive at once.
+    fn capacity(&self) -> usize {
+        self.storage.as_ref().len().min(MAX_TRACKS)
+    }
+
+    /// Advances the clock to the frame. Returns the step in seconds.
+    fn advance_clock(&mut self, stamp_ns: u64) -> f64 {
+        let max_step_ns = (self.settings.max_gap_s() * NS_PER_S) as u64;
+        let step_ns = self
             .last_stamp_ns
             .map_or(0, |last_ns| stamp_ns.saturating_sub(last_ns))
-            .min(longest_ns);
+            .min(max_step_ns);
         self.last_stamp_ns = Some(stamp_ns);
-        self.clock_ns = self.clock_ns.saturating_add(since_last_ns);
-        since_last_ns as f64 / NS_PER_S
+        self.clock_ns = self.clock_ns.saturating_add(step_ns);
+        step_ns as f64 / NS_PER_S
     }
 
-    /// What each track's object is seen as. Markers first: one that was read belongs to the track of that marker; then
-    /// blobs of several objects, so that none of these is looked for elsewhere; then all that is left by how likely it is, but
-    /// never an observation of one marker to the track of another.
-    ///
-    /// Two things may carry the same marker, hence the place decides among them too.
-    fn sightings<'a>(
-        &self,
-        observations: &'a [Option<Observation>],
-        taken: &mut [bool],
-        frame_s: f64,
-        now: Now<'_>,
-    ) -> [Sighting<'a>; MAX_TRACKS] {
-        let tracks = self.alive();
-        let mut hypotheses = [Hypotheses::NONE; MAX_TRACKS];
-        let (mut gates, mut reaches) = ([0.0; MAX_TRACKS], [0.0; MAX_TRACKS]);
-        for (i, track) in tracks.iter().enumerate() {
-            hypotheses[i] = track.hypotheses(now);
-            gates[i] = self.gate(track, frame_s);
-            reaches[i] = self.reach(track);
-        }
-        let within = |track: usize, observation: &Observation, gates_wide: f64| {
-            let place = [observation.x, observation.y];
-            let apart = norm(sub(place, hypotheses[track].forecast()));
-            let way = hypotheses[track].way_to(place);
-            (apart <= gates_wide * gates[track] && way <= gates_wide * reaches[track])
-                .then(|| hypotheses[track].unlikelihood(place))
-        };
-        let mut observation_of = [None; MAX_TRACKS];
-        let alive = &mut observation_of[..tracks.len()];
-        let unseen = |track: usize| UNSEEN + hypotheses[track].unlikelihood_at(gates[track]);
-        assign(
-            alive,
-            taken,
-            |track, i| {
-                let observation = observations[i].as_ref()?;
-                let same =
-                    observation.marker.is_some() && observation.marker == tracks[track].marker();
-                same.then(|| within(track, observation, SAME_MARKER_GATES))?
-            },
-            unseen,
-        );
-        // A marker that was read on no track of its own: its robot's was given up, or it was carried elsewhere.
-        let mut carried = [false; MAX_TRACKS];
-        for (i, observation) in observations.iter().enumerate() {
-            let read = observation.as_ref().and_then(|o| o.marker);
-            if taken[i] || read.is_none() {
-                continue;
-            }
-            let lost = |track: &usize| alive[*track].is_none() && tracks[*track].known_as() == read;
-            if let Some(track) = (0..tracks.len()).find(lost) {
-                alive[track] = Some(i);
-                taken[i] = true;
-                carried[track] = observation
-                    .as_ref()
-                    .is_some_and(|observation| within(track, observation, 1.0).is_none());
-            }
-        }
-        let merged = find_merged(tracks, &hypotheses, observations, alive, |track| {
-            track.may_merge(now.ns, now.settings)
-        });
-        for (assigned, blob) in alive.iter_mut().zip(&merged) {
-            if let Some(blob) = blob {
-                *assigned = Some(blob.index);
-                taken[blob.index] = true;
-            }
-        }
-        assign(
-            alive,
-            taken,
-            |track, i| {
-                let observation = observations[i].as_ref()?;
-                let other = observation
-                    .marker
-                    .zip(tracks[track].marker())
-                    .is_some_and(|(read, known)| read != known);
-                (!other).then(|| within(track, observation, 1.0))?
-            },
-            unseen,
-        );
-        let mut sightings = [Sighting::Missed; MAX_TRACKS];
-        for (track, sighting) in sightings.iter_mut().enumerate().take(tracks.len()) {
-            *sighting = match (merged[track], observation_of[track]) {
-                // With its marker read, the blob's position is this object's own.
-                (Some(blob), _) if !(blob.leads && blob.observation.marker.is_some()) => {
-                    Sighting::Merged(blob)
-                }
-                (shared, Some(index)) => {
-                    observations[index]
-                        .as_ref()
-                        .map_or(Sighting::Missed, |observation| Sighting::Own {
-                            index,
-                            observation,
-                            alone: shared.is_none() && stands_alone(index, observations),
-                            carried: carried[track],
-                        })
-                }
-                (_, None) => Sighting::Missed,
-            };
-        }
-        sightings
-    }
-
-    /// Furthest from its forecast that an object is looked for, in units. The time before the last frame in which it
-    /// was not measured adds the way at top speed; what was in a blob with others may leave it anywhere.
-    fn gate(&self, track: &Track, frame_s: f64) -> f64 {
-        let settings = &self.settings;
-        let unseen_s = (track.unmeasured_s(self.clock_ns) - frame_s).max(0.0);
-        let way = settings.top_speed * (GATE_SPEEDS * frame_s + unseen_s);
-        settings.gate_base + track.blob_reach() + way
-    }
-
-    /// Furthest from its last place that an object is looked for, in units. Whatever its forecast says, it cannot have gone farther,
-    /// and a false blob out there would send the track away.
-    fn reach(&self, track: &Track) -> f64 {
-        let unmeasured_s = track.unmeasured_s(self.clock_ns);
-        track.blob_reach() + self.settings.farthest(unmeasured_s)
-    }
-
-    /// The number of a new track: that which the robot of this marker had, or the next.
-    fn number_for(&mut self, marker: Option<u32>) -> u64 {
-        let remembered = &mut self.remembered[..self.n_remembered];
-        if marker.is_some()
-            && let Some(i) = remembered.iter().position(|robot| Some(robot.0) == marker)
-        {
-            let (_, id) = remembered[i];
-            remembered.copy_within(i + 1.., i);
-            self.n_remembered -= 1;
-            return id;
-        }
-        self.next_id += 1;
-        self.next_id - 1
-    }
-
-    /// Drops lost tracks, keeps the order of the others, and remembers which robots had which numbers.
+    /// Drops lost tracks, keeps the order of the others, and remembers the ids of lost robots.
     fn retire(&mut self) -> usize {
         let tracks = self.storage.as_mut();
         let mut kept = 0;
         for i in 0..self.n_tracks {
-            let lost = tracks[i].lost(&self.settings);
-            if let (true, Some(marker)) = (lost, tracks[i].known_as()) {
-                if self.n_remembered == MAX_TRACKS {
-                    self.remembered.copy_within(1.., 0);
-                    self.n_remembered -= 1;
+            let is_lost = tracks[i].is_lost(&self.settings);
+            if let (true, Some(marker)) = (is_lost, tracks[i].last_marker()) {
+                if self.n_retired_robots == MAX_TRACKS {
+                    self.retired_robots.copy_within(1.., 0);
+                    self.n_retired_robots -= 1;
                 }
-                self.remembered[self.n_remembered] = (marker, tracks[i].id());
-                self.n_remembered += 1;
+                self.retired_robots[self.n_retired_robots] = (marker, tracks[i].id());
+                self.n_retired_robots += 1;
             }
-            if !lost {
+            if !is_lost {
                 if kept < i {
                     tracks.swap(kept, i);
                 }
@@ -345,5 +201,48 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         let retired = self.n_tracks - kept;
         self.n_tracks = kept;
         retired
+    }
+
+    /// Starts a track for every observation that is not taken.
+    fn start_tracks(
+        &mut self,
+        observations: &[Option<Observation>],
+        taken: &[bool],
+        frame: FrameContext<'_>,
+        update: &mut Update,
+    ) {
+        for (i, observation) in observations.iter().enumerate() {
+            let Some(observation) = observation.as_ref().filter(|_| !taken[i]) else {
+                continue;
+            };
+            if self.n_tracks == self.capacity() {
+                update.overflow += 1;
+                continue;
+            }
+            let isolated = is_isolated(i, observations);
+            let id = self.id_for(observation.marker);
+            let tracks = &mut self.storage.as_mut()[..=self.n_tracks];
+            tracks[self.n_tracks] = Track::start(id, i, observation, isolated, frame);
+            // A robot that returns has an old id.
+            let position = tracks[..self.n_tracks].partition_point(|track| track.id() < id);
+            tracks[position..].rotate_right(1);
+            self.n_tracks += 1;
+            update.started += 1;
+        }
+    }
+
+    /// The id of a new track: the one that the robot with this marker had before, or the next one.
+    fn id_for(&mut self, marker: Option<u32>) -> u64 {
+        let robots = &mut self.retired_robots[..self.n_retired_robots];
+        if marker.is_some()
+            && let Some(i) = robots.iter().position(|robot| Some(robot.0) == marker)
+        {
+            let (_, id) = robots[i];
+            robots.copy_within(i + 1.., i);
+            self.n_retired_robots -= 1;
+            return id;
+        }
+        self.next_id += 1;
+        self.next_id - 1
     }
 }

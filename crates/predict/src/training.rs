@@ -1,61 +1,43 @@
-//! For the program that makes the start weights: one track's forecaster by itself, what its network is told, and how a
-//! loss goes back into it.
+//! For the program that computes the start weights: the forecaster of a single track, and how a
+//! loss is propagated back through its mixture.
 
-pub use crate::experts::EXPERTS;
-use crate::forecast::{Forecast, Forecaster, NO_WALLS, Walls, pushed_out};
+use crate::bounds::{Bounds, NO_BOUNDS, expanded};
+use crate::forecast::Forecaster;
+pub use crate::forecast::mixture::{Evidence, Shares, back_to_logits, back_to_sharpness, gate};
+pub use crate::forecast::network::{Network, STORED_PER_UNIT};
+pub use crate::forecast::sample::TrainingSample;
 use crate::heading::HeadingTrack;
 use crate::history::{History, Sample};
-pub use crate::horizon::HORIZONS;
-pub use crate::inputs::INPUTS;
-pub use crate::marks::MARKS;
-pub use crate::mixture::{
-    ANCHORS, ByExpert, Evidence, OUTPUTS, ROW, Shares, back_to_said, back_to_sharpness, weigh,
+pub use crate::layout::{
+    ANCHORS, ByExpert, EXPERTS, HIDDEN, HORIZONS, INPUTS, OUTPUTS, ROW, SCORES, WEIGHTS,
 };
-pub use crate::network::{HIDDEN, Network, STORED_PER_UNIT, WEIGHTS};
 use crate::observation::{Heading, Settings};
 
-/// The forecaster of one track that is seen without interruption by anything else.
+/// A single track that is observed without assignment or merging.
 #[derive(Debug, Clone)]
-pub struct Pupil {
+pub struct TrainingTrack {
     history: History,
     headings: HeadingTrack,
     forecaster: Forecaster,
     settings: Settings,
-    walls: Walls,
-    ahead: Forecast,
+    bounds: Bounds,
 }
 
-/// What one frame can teach.
-#[derive(Debug, Clone)]
-pub struct Lesson {
-    /// What was known.
-    pub evidence: Evidence,
-    /// The horizons.
-    pub times_s: [f64; HORIZONS],
-    /// By horizon and expert, relative to the newest place.
-    pub places: ByExpert<[f32; 2]>,
-    /// Ellipses before the network has a say: along, both, across.
-    pub ellipses: [[f32; 3]; HORIZONS],
-    /// Direction of motion, the ellipses' axis.
-    pub direction: [f32; 2],
-}
-
-impl Pupil {
-    /// A track with this network, which does not learn on it.
+impl TrainingTrack {
+    /// A track that uses this network without training it.
     #[must_use]
     pub fn new(settings: &Settings, network: Network) -> Self {
         Self {
             history: History::EMPTY,
             headings: HeadingTrack::EMPTY,
-            forecaster: Forecaster::with(network),
+            forecaster: Forecaster::frozen(network),
             settings: settings.checked(),
-            walls: NO_WALLS,
-            ahead: Forecast::EMPTY,
+            bounds: NO_BOUNDS,
         }
     }
 
-    /// Takes a sample, later than those before, and a marker's direction where there is one.
-    pub fn see(&mut self, time_ns: u64, position: [f64; 2], heading_rad: Option<f64>) {
+    /// Adds a sample later than the previous ones, with the heading of the marker if there is one.
+    pub fn observe(&mut self, time_ns: u64, position: [f64; 2], heading_rad: Option<f64>) {
         if let Some(rad) = heading_rad {
             let heading = Heading {
                 rad,
@@ -65,35 +47,30 @@ impl Pupil {
             self.headings
                 .observe(time_ns, heading, period_s, f64::INFINITY);
         }
-        self.walls = pushed_out(&self.walls, position);
+        self.bounds = expanded(&self.bounds, position);
         if self.history.push(Sample { time_ns, position }, 0) {
             self.forecaster.learn(&self.history, &self.settings);
         }
         let steering = self.headings.steering(self.history.samples());
         let exact = [[0.0; 2]; 2];
-        self.ahead = self.forecaster.forecast(
+        // Issued for comparison with the samples to come.
+        self.forecaster.forecast(
             &self.history,
             steering.as_ref(),
-            &self.walls,
+            &self.bounds,
             &exact,
             &self.settings,
         );
     }
 
-    /// Place and covariance `ahead_s` after the newest sample.
+    /// The training sample of the newest frame.
     #[must_use]
-    pub fn at(&self, ahead_s: f64) -> ([f64; 2], [[f64; 2]; 2]) {
-        self.ahead.at(ahead_s)
-    }
-
-    /// What the newest sample can teach.
-    #[must_use]
-    pub fn lesson(&mut self) -> Lesson {
+    pub fn sample(&mut self) -> TrainingSample {
         let steering = self.headings.steering(self.history.samples());
-        self.forecaster.lesson(
+        self.forecaster.sample(
             &self.history,
             steering.as_ref(),
-            &self.walls,
+            &self.bounds,
             &self.settings,
         )
     }

@@ -1,4 +1,4 @@
-//! Plane vectors, also as complex numbers.
+//! Vectors in the plane, which also serve as complex numbers.
 
 pub(crate) fn add(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] + b[0], a[1] + b[1]]
@@ -20,7 +20,7 @@ pub(crate) fn norm(a: [f64; 2]) -> f64 {
     libm::sqrt(norm_squared(a))
 }
 
-/// Product of complex numbers; with a unit vector, a rotation.
+/// Product of complex numbers. With a unit vector, a rotation.
 pub(crate) fn complex_mul(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]]
 }
@@ -29,7 +29,7 @@ pub(crate) fn conjugate(a: [f64; 2]) -> [f64; 2] {
     [a[0], -a[1]]
 }
 
-/// Unit vector along `a`; +x for a vector without direction.
+/// Unit vector along `a`, or +x if `a` has no direction.
 pub(crate) fn direction(a: [f64; 2]) -> [f64; 2] {
     let length = norm(a);
     if length > 0.0 && length.is_finite() {

@@ -1,9 +1,9 @@
-//! Whatever is put in, finite numbers come out and the books balance.
+//! For any input, the output is finite and all observations and tracks are accounted for.
 
 use predict::{Heading, MAX_TRACKS, Observation, Settings, Track, Tracker};
 use proptest::prelude::*;
 
-/// Any bit pattern, with the awkward and the ordinary ones often.
+/// Any bit pattern, with special and ordinary numbers frequent.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         3 => any::<u64>().prop_map(f64::from_bits),
@@ -15,8 +15,9 @@ fn any_number() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// A place that is accepted, so that tracks live long enough to be harmed: scattered, close by, or at the edge.
-fn place() -> impl Strategy<Value = f64> {
+/// Accepted coordinates, so that tracks live long enough to be harmed: scattered, close together,
+/// or at the limits.
+fn position() -> impl Strategy<Value = f64> {
     prop_oneof![
         6 => 90.0..110.0_f64,
         2 => Just(100.0),
@@ -35,7 +36,7 @@ fn accepted() -> impl Strategy<Value = Observation> {
         1 => prop::sample::select(vec![(0.0, 0.0), (1e9, 1e18), (5e-324, 5e-324), (1e9, 5e-324), (0.0, 1e18)]),
     ];
     (
-        [place(), place()],
+        [position(), position()],
         [variance.clone(), variance],
         -1.0..1.0_f64,
         prop::option::of(heading),
@@ -78,7 +79,7 @@ fn arbitrary() -> impl Strategy<Value = Observation> {
         )
 }
 
-/// Time stamps: even, equal, a nanosecond on, far ahead, backward, anything.
+/// Time stamps: even, equal, a nanosecond later, far ahead, backwards, anything.
 fn stamps() -> impl Strategy<Value = Vec<u64>> {
     let change = prop_oneof![
         6 => Just(66_666_667_i128),
@@ -139,7 +140,7 @@ fn check(track: &Track, n_observations: usize) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Jumps from edge to edge within nanoseconds, and variances as large as they may be.
+/// Jumps between the limits within nanoseconds, and maximum variances.
 #[test]
 fn the_largest_numbers_stay_finite() {
     let second = 1_000_000_000;
@@ -182,7 +183,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
     #[test]
-    fn no_input_makes_a_track_nonsense(
+    fn all_output_is_finite_for_any_input(
         stamps in stamps(),
         settings in prop::collection::vec(any_settings(), 1..3),
         frames in prop::collection::vec(
@@ -196,19 +197,19 @@ proptest! {
             let update = tracker.update(*stamp_ns, observations, settings);
             alive = alive + update.started - update.retired;
             prop_assert!(tracker.tracks().count() <= alive);
-            let mut seen = update.rejected + update.overflow;
+            let mut accounted = update.rejected + update.overflow;
             let mut last_id = 0;
             for track in tracker.tracks() {
                 check(track, observations.len())?;
                 prop_assert!(track.id() > last_id);
                 last_id = track.id();
-                seen += usize::from(track.observed().is_some());
+                accounted += usize::from(track.observed().is_some());
             }
             prop_assert!(last_id <= newest_id + update.started as u64);
             newest_id += update.started as u64;
-            prop_assert!(seen <= observations.len());
+            prop_assert!(accounted <= observations.len());
             if settings.confirm <= 1 {
-                prop_assert_eq!(seen, observations.len());
+                prop_assert_eq!(accounted, observations.len());
                 prop_assert_eq!(tracker.tracks().count(), alive);
             }
         }

@@ -1,41 +1,20 @@
-//! Crowds that cross each other, blobs of several, missing and false ones: how often an identity is lost.
+//! Identity switches in crowds that cross, with merged blobs, missed and false detections.
 //!
-//! Counted as in CLEAR-MOT (Bernardin and Stiefelhagen): an object keeps its track as long as that is within [`FAR`] of it;
-//! another one there is a switch.
+//! Counted as in CLEAR-MOT (Bernardin and Stiefelhagen): an object keeps its track while that is
+//! within [`FAR`] of it. A different track there is a switch.
 
 use predict::{Observation, Track};
 
-use crate::fixture::{Floor, STEP_S, distance};
+use crate::fixture::{Floor, Random, STEP_S, distance};
 
 const FLOOR: [f64; 2] = [320.0, 240.0];
-/// Speeds in pixels a second.
+/// Speeds in pixels per second.
 const SPEEDS: [f64; 2] = [20.0, 110.0];
-/// Blobs merge where two are nearer than this; they are discs of half of it.
+/// Blobs are discs of this diameter. They merge where two are nearer than this.
 const FAR: f64 = 6.0;
 const NOISE: f64 = 0.3;
 const SEEN: f64 = 0.97;
 const FRAMES: usize = 300;
-
-/// Even numbers in [0, 1), the same in every run (SplitMix64).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn within(&mut self, least: f64, most: f64) -> f64 {
-        least + (most - least) * self.next()
-    }
-
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
-    }
-}
 
 struct Mover {
     at: [f64; 2],
@@ -47,7 +26,7 @@ struct Mover {
 impl Mover {
     fn new(random: &mut Random) -> Self {
         Self {
-            at: FLOOR.map(|most| random.within(0.0, most)),
+            at: FLOOR.map(|max| random.within(0.0, max)),
             heading: random.within(-3.1, 3.1),
             speed: random.within(SPEEDS[0], SPEEDS[1]),
             turn: if random.next() < 0.5 {
@@ -69,24 +48,25 @@ impl Mover {
         if !(0.0..=FLOOR[1]).contains(&self.at[1]) {
             self.heading = -self.heading;
         }
-        for (place, most) in self.at.iter_mut().zip(FLOOR) {
-            *place = place.clamp(0.0, most);
+        for (position, max) in self.at.iter_mut().zip(FLOOR) {
+            *position = position.clamp(0.0, max);
         }
     }
 }
 
-/// What a camera sees of the places: blobs of those nearer to each other than `merging`, and false ones.
+/// The detections of a camera: objects nearer to each other than `merging` are one blob, and some
+/// blobs are false.
 fn look(
-    places: &[[f64; 2]],
+    positions: &[[f64; 2]],
     merging: f64,
     false_blobs: f64,
     random: &mut Random,
 ) -> Vec<Observation> {
     let radius = 4.0;
-    let mut blob_of: Vec<usize> = (0..places.len()).collect();
-    for i in 0..places.len() {
+    let mut blob_of: Vec<usize> = (0..positions.len()).collect();
+    for i in 0..positions.len() {
         for j in 0..i {
-            if distance(places[i], places[j]) < merging {
+            if distance(positions[i], positions[j]) < merging {
                 let (from, to) = (blob_of[i], blob_of[j]);
                 for blob in blob_of.iter_mut().filter(|blob| **blob == from) {
                     *blob = to;
@@ -95,10 +75,10 @@ fn look(
         }
     }
     let mut blobs = Vec::new();
-    for blob in 0..places.len() {
-        let members: Vec<[f64; 2]> = (0..places.len())
+    for blob in 0..positions.len() {
+        let members: Vec<[f64; 2]> = (0..positions.len())
             .filter(|i| blob_of[*i] == blob)
-            .map(|i| places[i])
+            .map(|i| positions[i])
             .collect();
         if members.is_empty() || random.next() > SEEN {
             continue;
@@ -124,7 +104,7 @@ fn look(
     }
     let mut left = false_blobs;
     while random.next() < left {
-        let at = FLOOR.map(|most| random.within(0.0, most));
+        let at = FLOOR.map(|max| random.within(0.0, max));
         blobs.push(observation(
             at,
             radius,
@@ -132,7 +112,7 @@ fn look(
         ));
         left -= 1.0;
     }
-    // In no order that means anything.
+    // In random order.
     for i in (1..blobs.len()).rev() {
         blobs.swap(i, (random.next() * (i + 1) as f64) as usize);
     }
@@ -155,7 +135,7 @@ fn observation(at: [f64; 2], reach: f64, area: f64) -> Observation {
 struct Count {
     switches: usize,
     object_frames: usize,
-    /// Track frames, and those of them with no object near.
+    /// Number of track frames, and of those without an object near.
     track_frames: usize,
     ghosts: usize,
 }
@@ -177,10 +157,10 @@ fn crowd(n: usize, merging: f64, false_blobs: f64, n_scenes: u64) -> Count {
         floor.settings.confirm = 3;
         let mut track_of: Vec<Option<u64>> = vec![None; n];
         for _ in 0..FRAMES {
-            let places: Vec<[f64; 2]> = movers.iter().map(|mover| mover.at).collect();
-            floor.see(&look(&places, merging, false_blobs, &mut random));
+            let positions: Vec<[f64; 2]> = movers.iter().map(|mover| mover.at).collect();
+            floor.observe(&look(&positions, merging, false_blobs, &mut random));
             let tracks: Vec<&Track> = floor.tracker.tracks().collect();
-            count.add(&places, &tracks, &mut track_of);
+            count.add(&positions, &tracks, &mut track_of);
             movers.iter_mut().for_each(Mover::go);
         }
     }
@@ -188,26 +168,26 @@ fn crowd(n: usize, merging: f64, false_blobs: f64, n_scenes: u64) -> Count {
 }
 
 impl Count {
-    fn add(&mut self, places: &[[f64; 2]], tracks: &[&Track], track_of: &mut [Option<u64>]) {
-        self.object_frames += places.len();
+    fn add(&mut self, positions: &[[f64; 2]], tracks: &[&Track], track_of: &mut [Option<u64>]) {
+        self.object_frames += positions.len();
         self.track_frames += tracks.len();
         let mut free = vec![true; tracks.len()];
-        let mut found = vec![false; places.len()];
-        for (i, place) in places.iter().enumerate() {
+        let mut found = vec![false; positions.len()];
+        for (i, position) in positions.iter().enumerate() {
             let kept = tracks
                 .iter()
                 .position(|track| Some(track.id()) == track_of[i]);
-            if let Some(kept) = kept.filter(|k| distance(tracks[*k].position(), *place) < FAR) {
+            if let Some(kept) = kept.filter(|k| distance(tracks[*k].position(), *position) < FAR) {
                 free[kept] = false;
                 found[i] = true;
             }
         }
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
-        for (i, place) in places.iter().enumerate() {
+        for (i, position) in positions.iter().enumerate() {
             for (k, track) in tracks.iter().enumerate() {
-                let apart = distance(track.position(), *place);
-                if apart < FAR && free[k] && !found[i] {
-                    pairs.push((apart, i, k));
+                let error = distance(track.position(), *position);
+                if error < FAR && free[k] && !found[i] {
+                    pairs.push((error, i, k));
                 }
             }
         }
@@ -220,34 +200,34 @@ impl Count {
             }
         }
         let near = |track: &Track| {
-            places
+            positions
                 .iter()
-                .any(|place| distance(*place, track.position()) < 2.0 * FAR)
+                .any(|position| distance(*position, track.position()) < 2.0 * FAR)
         };
         self.ghosts += tracks.iter().filter(|track| !near(track)).count();
     }
 }
 
 #[test]
-fn twenty_that_cross_keep_their_numbers() {
+fn twenty_crossing_objects_keep_their_ids() {
     let count = crowd(20, 0.0, 0.1, 60);
     let switches = count.switches_per_1000();
     println!("20 crossing: {switches:.2} switches in 1000 object frames");
-    // Measured .03; what is left are pairs that go side by side, and tracks of two or three samples.
+    // Measured 0.03. The rest are pairs that move side by side, and tracks of two or three samples.
     assert!(switches <= 0.1, "{count:?}");
 }
 
 #[test]
-fn fifty_that_merge_seldom_change_their_numbers() {
+fn fifty_merging_objects_rarely_switch_ids() {
     let count = crowd(50, 8.0, 0.1, 10);
     let switches = count.switches_per_1000();
     println!("50 merging: {switches:.2} switches in 1000 object frames");
-    // Measured 1.6; most change as they leave a blob in which one of them has turned.
+    // Measured 1.6. Most switches happen on leaving a blob in which an object has turned.
     assert!(switches <= 2.2, "{count:?}");
 }
 
 #[test]
-fn false_blobs_make_no_ghosts() {
+fn false_detections_make_no_ghosts() {
     let count = crowd(20, 0.0, 1.0, 6);
     let part = count.ghosts as f64 / count.track_frames as f64;
     println!("ghosts: {:.2} % of track frames", 100.0 * part);

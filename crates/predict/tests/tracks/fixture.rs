@@ -1,8 +1,8 @@
-//! A tracker that is shown one frame after the other.
+//! A tracker that is fed frame by frame.
 
 use predict::{MAX_TRACKS, Observation, Settings, Track, Tracker, Update};
 
-/// From frame to frame, 15 a second.
+/// Frame period at 15 frames per second.
 pub(crate) const STEP_NS: u64 = 66_666_667;
 pub(crate) const STEP_S: f64 = STEP_NS as f64 / 1e9;
 
@@ -13,7 +13,7 @@ pub(crate) fn settings() -> Settings {
     }
 }
 
-/// A tracker and the number of the next frame.
+/// A tracker and the index of the next frame.
 pub(crate) struct Floor {
     pub(crate) tracker: Tracker<Vec<Track>>,
     pub(crate) settings: Settings,
@@ -29,7 +29,7 @@ impl Floor {
         }
     }
 
-    pub(crate) fn see(&mut self, observations: &[Observation]) -> Update {
+    pub(crate) fn observe(&mut self, observations: &[Observation]) -> Update {
         let stamp_ns = self.frame * STEP_NS;
         self.frame += 1;
         self.tracker.update(stamp_ns, observations, &self.settings)
@@ -39,7 +39,7 @@ impl Floor {
         self.tracker.tracks().map(Track::id).collect()
     }
 
-    /// The track with this number.
+    /// The track with this id.
     pub(crate) fn track(&self, id: u64) -> &Track {
         self.tracker
             .tracks()
@@ -47,7 +47,7 @@ impl Floor {
             .unwrap_or_else(|| panic!("no track {id} among {:?}", self.ids()))
     }
 
-    /// The track, where there is one alone.
+    /// The only track.
     pub(crate) fn only(&self) -> &Track {
         let mut tracks = self.tracker.tracks();
         let track = tracks.next().expect("a track");
@@ -55,9 +55,9 @@ impl Floor {
         track
     }
 
-    pub(crate) fn assert_at(&self, id: u64, place: [f64; 2], within: f64) {
+    pub(crate) fn assert_at(&self, id: u64, position: [f64; 2], within: f64) {
         let at = self.track(id).position();
-        let off = distance(at, place);
+        let off = distance(at, position);
         assert!(
             off <= within + 1e-9,
             "frame {}: track {id} at {at:?}, {off} px off",
@@ -68,4 +68,25 @@ impl Floor {
 
 pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     f64::hypot(a[0] - b[0], a[1] - b[1])
+}
+
+/// Uniform numbers in [0, 1), the same in every run (SplitMix64).
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    pub(crate) fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub(crate) fn within(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * self.next()
+    }
+
+    pub(crate) fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
+    }
 }

@@ -1,4 +1,4 @@
-//! What becomes of tracks from frame to frame, on hand-made scenes.
+//! The life cycle of tracks, on synthetic scenes.
 
 use predict::{FORECAST_SPACING_S, Heading, MAX_FORECAST, MAX_TRACKS, Observation, Track, Tracker};
 
@@ -16,14 +16,14 @@ fn blob([x, y]: [f64; 2]) -> Observation {
     }
 }
 
-fn robot(marker: u32, place: [f64; 2], heading_rad: f64) -> Observation {
+fn robot(marker: u32, position: [f64; 2], heading_rad: f64) -> Observation {
     Observation {
         heading: Some(Heading {
             rad: heading_rad,
             variance: 1e-4,
         }),
         marker: Some(marker),
-        ..blob(place)
+        ..blob(position)
     }
 }
 
@@ -42,26 +42,26 @@ fn worst_forecast(track: &Track, truth: impl Fn(f64) -> [f64; 2]) -> f64 {
 }
 
 #[test]
-fn a_straight_line_is_foreseen_from_the_third_sample() {
-    let place = |t: f64| [10.0 + 60.0 * t, 200.0 - 25.0 * t];
+fn a_straight_line_is_forecast_from_the_third_sample() {
+    let position = |t: f64| [10.0 + 60.0 * t, 200.0 - 25.0 * t];
     let mut floor = Floor::new();
     for i in 0..120 {
         let t = f64::from(i) * STEP_S;
-        floor.see(&[blob(place(t))]);
+        floor.observe(&[blob(position(t))]);
         let track = floor.only();
-        assert_eq!(track.position(), place(t), "the measurement itself");
+        assert_eq!(track.position(), position(t), "not filtered");
         if i >= 2 {
-            let error = worst_forecast(track, |dt| place(t + dt));
+            let error = worst_forecast(track, |dt| position(t + dt));
             assert!(error < 1e-2, "frame {i}: {error} px");
-            // Experts are kept in single precision.
+            // Experts have single precision.
             assert!(distance(track.velocity(), [60.0, -25.0]) < 1e-4);
         }
     }
 }
 
 #[test]
-fn a_circle_is_foreseen_from_the_fourth_sample() {
-    let place = |t: f64| {
+fn a_circle_is_forecast_from_the_fourth_sample() {
+    let position = |t: f64| {
         [
             300.0 + 60.0 * (1.2 * t).cos(),
             200.0 + 60.0 * (1.2 * t).sin(),
@@ -70,9 +70,9 @@ fn a_circle_is_foreseen_from_the_fourth_sample() {
     let mut floor = Floor::new();
     for i in 0..120 {
         let t = f64::from(i) * STEP_S;
-        floor.see(&[blob(place(t))]);
-        let error = worst_forecast(floor.only(), |dt| place(t + dt));
-        // A line is wrong by 120 px after two seconds.
+        floor.observe(&[blob(position(t))]);
+        let error = worst_forecast(floor.only(), |dt| position(t + dt));
+        // A line would be 120 px off after two seconds.
         if i >= 3 {
             assert!(error < 0.5, "frame {i}: {error} px");
         }
@@ -100,15 +100,15 @@ fn uneven_and_dropped_frames_do_not_bend_a_line() {
 }
 
 #[test]
-fn crossing_objects_keep_their_numbers() {
+fn crossing_objects_keep_their_ids() {
     let mut floor = Floor::new();
     for i in 0..60 {
         let t = f64::from(i) * STEP_S;
-        // They meet at (200, 100) in frame 30 and are given in changing order.
+        // They meet at (200, 100) in frame 30. Their order in the input changes.
         let right = blob([200.0 + 80.0 * (t - 2.0), 100.0 + 40.0 * (t - 2.0)]);
         let left = blob([200.0 - 80.0 * (t - 2.0), 102.0 + 40.0 * (t - 2.0)]);
         let swapped = i % 2 == 1;
-        floor.see(&if swapped {
+        floor.observe(&if swapped {
             [left, right]
         } else {
             [right, left]
@@ -122,24 +122,23 @@ fn crossing_objects_keep_their_numbers() {
 
 #[test]
 fn a_gap_is_filled_by_the_forecast() {
-    let place = |t: f64| [50.0 + 90.0 * t, 100.0];
+    let position = |t: f64| [50.0 + 90.0 * t, 100.0];
     let mut floor = Floor::new();
     let mut last_variance = 0.0;
     for i in 0..30 {
         let t = f64::from(i) * STEP_S;
         let hidden = (15..20).contains(&i);
-        let seen = [blob(place(t))];
-        floor.see(if hidden { &[] } else { &seen });
+        let observations = [blob(position(t))];
+        floor.observe(if hidden { &[] } else { &observations });
         let track = floor.only();
         assert_eq!(track.id(), 1);
         assert_eq!(track.observed(), (!hidden).then_some(0));
         assert_eq!(track.pose_observed(), !hidden);
         assert_eq!(track.misses(), if hidden { i as u32 - 14 } else { 0 });
-        assert_eq!(track.age_frames(), i as u64 + 1);
         if i > 5 {
-            assert!(distance(track.position(), place(t)) < 0.01);
+            assert!(distance(track.position(), position(t)) < 0.01);
             assert!(distance(track.velocity(), [90.0, 0.0]) < 0.1);
-            assert!(worst_forecast(track, |dt| place(t + dt)) < 0.05);
+            assert!(worst_forecast(track, |dt| position(t + dt)) < 0.05);
         }
         let variance = track.covariance()[0][0];
         if hidden && i > 15 {
@@ -150,30 +149,30 @@ fn a_gap_is_filled_by_the_forecast() {
 }
 
 #[test]
-fn a_track_is_retired_after_its_misses_and_its_number_not_reused() {
+fn a_track_is_retired_after_its_misses_and_its_id_not_reused() {
     let mut floor = Floor::new();
-    floor.see(&[blob([100.0, 100.0])]);
+    floor.observe(&[blob([100.0, 100.0])]);
     for miss in 1..=floor.settings.max_misses {
-        assert_eq!(floor.see(&[]).retired, 0);
+        assert_eq!(floor.observe(&[]).retired, 0);
         assert_eq!(floor.only().misses(), miss);
     }
-    assert_eq!(floor.see(&[]).retired, 1);
+    assert_eq!(floor.observe(&[]).retired, 1);
     assert_eq!(floor.ids(), []);
-    let update = floor.see(&[blob([100.0, 100.0])]);
+    let update = floor.observe(&[blob([100.0, 100.0])]);
     assert_eq!(update.started, 1);
     assert_eq!(floor.ids(), [2]);
 }
 
 #[test]
-fn the_order_of_numbers_survives_retirement() {
+fn the_order_of_ids_survives_retirement() {
     let mut floor = Floor::new();
-    let places = [0.0, 200.0, 400.0, 600.0].map(|x| blob([x, 0.0]));
-    floor.see(&places);
+    let positions = [0.0, 200.0, 400.0, 600.0].map(|x| blob([x, 0.0]));
+    floor.observe(&positions);
     for _ in 0..9 {
-        floor.see(&[places[2], places[0]]);
+        floor.observe(&[positions[2], positions[0]]);
     }
     assert_eq!(floor.ids(), [1, 3]);
-    floor.see(&places);
+    floor.observe(&positions);
     assert_eq!(floor.ids(), [1, 3, 5, 6]);
 }
 
@@ -181,14 +180,14 @@ fn the_order_of_numbers_survives_retirement() {
 fn confirmation_hides_a_flash() {
     let mut floor = Floor::new();
     floor.settings.confirm = 3;
-    floor.see(&[blob([100.0, 100.0]), blob([300.0, 100.0])]);
-    floor.see(&[blob([100.0, 100.0])]);
+    floor.observe(&[blob([100.0, 100.0]), blob([300.0, 100.0])]);
+    floor.observe(&[blob([100.0, 100.0])]);
     assert_eq!(floor.ids(), []);
-    floor.see(&[blob([100.0, 100.0])]);
+    floor.observe(&[blob([100.0, 100.0])]);
     assert_eq!(floor.ids(), [1]);
-    assert_eq!(floor.only().age_frames(), 3);
-    floor.see(&[blob([300.0, 100.0])]);
-    assert_eq!(floor.ids(), [1], "a flash must be seen three times again");
+    assert_eq!(floor.only().age_s(), 2.0 * STEP_S);
+    floor.observe(&[blob([300.0, 100.0])]);
+    assert_eq!(floor.ids(), [1], "three observations are needed again");
 }
 
 #[test]
@@ -197,18 +196,18 @@ fn a_marker_keeps_its_track_through_a_close_crossing() {
     for i in 0..40 {
         let t = f64::from(i) * STEP_S;
         let ahead = 80.0 * (t - 20.0 * STEP_S);
-        let mut seen = [
+        let mut observations = [
             robot(7, [200.0 + ahead, 100.0], 0.0),
             robot(4, [200.0 - ahead, 101.0], 3.0),
         ];
-        // They push each other aside where they meet: by distance alone they would change numbers.
+        // They push each other aside where they meet. By distance alone they would switch ids.
         if i >= 20 {
-            seen = [
+            observations = [
                 robot(7, [200.0 - ahead, 101.0], 3.0),
                 robot(4, [200.0 + ahead, 100.0], 0.0),
             ];
         }
-        floor.see(&seen);
+        floor.observe(&observations);
         let marked: Vec<_> = floor
             .tracker
             .tracks()
@@ -221,86 +220,85 @@ fn a_marker_keeps_its_track_through_a_close_crossing() {
 #[test]
 fn a_marker_never_joins_the_track_of_another() {
     let mut floor = Floor::new();
-    floor.see(&[robot(1, [100.0, 100.0], 0.0)]);
-    floor.see(&[robot(2, [100.0, 100.0], 0.0)]);
-    let seen: Vec<_> = floor
+    floor.observe(&[robot(1, [100.0, 100.0], 0.0)]);
+    floor.observe(&[robot(2, [100.0, 100.0], 0.0)]);
+    let observations: Vec<_> = floor
         .tracker
         .tracks()
         .map(|t| (t.marker(), t.observed()))
         .collect();
-    assert_eq!(seen, [(Some(1), None), (Some(2), Some(0))]);
+    assert_eq!(observations, [(Some(1), None), (Some(2), Some(0))]);
 }
 
 #[test]
-fn the_same_marker_is_found_further_away_than_anything_else() {
+fn a_known_marker_has_a_wider_gate() {
     let gate = settings().gate_base + 3.0 * settings().top_speed * STEP_S;
     for (marker, expected) in [(Some(5), vec![1]), (None, vec![1, 2])] {
         let mut floor = Floor::new();
-        floor.see(&[robot(5, [100.0, 100.0], 0.0)]);
+        floor.observe(&[robot(5, [100.0, 100.0], 0.0)]);
         let mut carried = robot(5, [100.0 + 2.0 * gate, 100.0], 0.0);
         carried.marker = marker;
-        floor.see(&[carried]);
+        floor.observe(&[carried]);
         assert_eq!(floor.ids(), expected);
     }
 }
 
-/// A robot drives along x and turns slowly; where its marker is not read, the centre of its area lies 6 px beside
-/// the plate.
 #[test]
-fn a_robot_that_is_carried_elsewhere_is_the_same_robot() {
+fn a_carried_robot_keeps_its_id() {
     let mut floor = Floor::new();
-    let thing = blob([500.0, 300.0]);
+    let object = blob([500.0, 300.0]);
     for _ in 0..20 {
-        floor.see(&[robot(3, [60.0, 50.0], 0.5), thing]);
+        floor.observe(&[robot(3, [60.0, 50.0], 0.5), object]);
     }
-    // At once, after a while under a hand, and when it was long gone and its track retired.
-    for (away_frames, place) in [(0, [400.0, 50.0]), (5, [60.0, 400.0]), (60, [300.0, 300.0])] {
+    // Immediately, after a while under a hand, and long after its track was retired.
+    for (away_frames, position) in [(0, [400.0, 50.0]), (5, [60.0, 400.0]), (60, [300.0, 300.0])] {
         for _ in 0..away_frames {
-            floor.see(&[thing]);
+            floor.observe(&[object]);
         }
         for _ in 0..3 {
-            floor.see(&[robot(3, place, -1.0), thing]);
+            floor.observe(&[robot(3, position, -1.0), object]);
             assert_eq!(floor.ids(), [1, 2], "after {away_frames} frames");
-            floor.assert_at(1, place, 0.0);
+            floor.assert_at(1, position, 0.0);
             assert_eq!(floor.track(1).marker(), Some(3));
         }
-        // It rests: the way it was carried is no motion of its own.
+        // It is at rest: being carried is not its own motion.
         assert!(distance(floor.track(1).velocity(), [0.0; 2]) < 1.0);
     }
 }
 
 #[test]
-fn what_lies_where_a_robot_was_does_not_take_its_number() {
+fn an_object_in_the_place_of_a_robot_does_not_take_its_id() {
     let mut floor = Floor::new();
     for _ in 0..20 {
-        floor.see(&[robot(3, [60.0, 50.0], 0.5)]);
+        floor.observe(&[robot(3, [60.0, 50.0], 0.5)]);
     }
-    // A bag covers it until the marker is given up, then the robot stands elsewhere.
+    // A bag covers it until the marker is given up. Then the robot is elsewhere.
     for _ in 0..20 {
-        floor.see(&[blob([62.0, 50.0])]);
+        floor.observe(&[blob([62.0, 50.0])]);
     }
-    floor.see(&[blob([62.0, 50.0]), robot(3, [300.0, 50.0], 0.5)]);
+    floor.observe(&[blob([62.0, 50.0]), robot(3, [300.0, 50.0], 0.5)]);
     assert_eq!(floor.track(1).marker(), Some(3));
     floor.assert_at(1, [300.0, 50.0], 0.0);
-    floor.see(&[blob([62.0, 50.0]), robot(3, [300.0, 50.0], 0.5)]);
-    assert_eq!(floor.ids(), [1, 2], "and the bag has one of its own");
+    floor.observe(&[blob([62.0, 50.0]), robot(3, [300.0, 50.0], 0.5)]);
+    assert_eq!(floor.ids(), [1, 2], "the bag has its own track");
 }
 
 #[test]
-fn two_of_the_same_marker_are_two() {
+fn two_robots_with_the_same_marker_have_two_tracks() {
     let mut floor = Floor::new();
     for _ in 0..20 {
-        floor.see(&[robot(3, [60.0, 50.0], 0.5), robot(3, [400.0, 50.0], 0.5)]);
+        floor.observe(&[robot(3, [60.0, 50.0], 0.5), robot(3, [400.0, 50.0], 0.5)]);
         assert_eq!(floor.ids(), [1, 2]);
         floor.assert_at(1, [60.0, 50.0], 0.0);
     }
 }
 
+/// A robot drives along x and turns slowly. Its centroid is 6 px beside the plate.
 fn drive(floor: &mut Floor, frames: u64, read: bool) {
     for _ in 0..frames {
         let t = floor.frame as f64 * STEP_S;
         let plate = [50.0 + 60.0 * t, 100.0];
-        floor.see(&[if read {
+        floor.observe(&[if read {
             robot(3, plate, 0.2 * t)
         } else {
             blob([plate[0], plate[1] + 6.0])
@@ -309,7 +307,7 @@ fn drive(floor: &mut Floor, frames: u64, read: bool) {
 }
 
 #[test]
-fn an_unread_marker_keeps_robot_and_heading() {
+fn a_missing_marker_keeps_robot_and_heading() {
     let mut floor = Floor::new();
     drive(&mut floor, 20, true);
     drive(&mut floor, 3, false);
@@ -319,7 +317,7 @@ fn an_unread_marker_keeps_robot_and_heading() {
     assert_eq!((track.observed(), track.pose_observed()), (Some(0), false));
     assert_eq!(track.misses(), 0);
     let away = distance(track.position(), [50.0 + 60.0 * t, 100.0]);
-    assert!(away < 1.0, "pulled {away} px to the centre of area");
+    assert!(away < 1.0, "pulled {away} px to the centroid");
     let heading = track.heading().expect("a forecast heading");
     assert!((heading.rad - 0.2 * t).abs() < 1e-6);
     assert!(heading.variance > 1e-4);
@@ -333,7 +331,7 @@ fn an_unread_marker_keeps_robot_and_heading() {
 }
 
 #[test]
-fn a_marker_long_unread_is_given_up_and_may_come_back() {
+fn a_marker_missing_for_long_is_given_up_and_may_return() {
     let mut floor = Floor::new();
     drive(&mut floor, 20, true);
     let longest = u64::from(floor.settings.max_misses);
@@ -355,35 +353,35 @@ fn a_marker_long_unread_is_given_up_and_may_come_back() {
 }
 
 #[test]
-fn tracks_outlive_the_floor() {
+fn tracks_survive_forget_floor() {
     let blobs = [blob([100.0, 100.0]), blob([200.0, 150.0])];
     let mut floor = Floor::new();
     for _ in 0..5 {
-        floor.see(&blobs);
+        floor.observe(&blobs);
     }
     floor.tracker.forget_floor();
-    floor.see(&blobs);
+    floor.observe(&blobs);
     let observed: Vec<_> = floor.tracker.tracks().map(Track::observed).collect();
     assert_eq!(observed, [Some(0), Some(1)]);
-    // Of a floor on which only one thing was seen, the other is not thought to be there too.
+    // On a floor where only one object was observed, the other one is not expected.
     floor.tracker.forget_floor();
-    floor.see(&[blob([100.0, 101.0])]);
+    floor.observe(&[blob([100.0, 101.0])]);
     floor.tracker.forget_floor();
-    floor.see(&[blob([200.0, 151.0])]);
+    floor.observe(&[blob([200.0, 151.0])]);
     let observed: Vec<_> = floor.tracker.tracks().map(Track::observed).collect();
     assert_eq!(observed, [None, Some(0)]);
     floor.tracker.forget_floor();
-    assert_eq!(floor.see(&[]).started, 0);
+    assert_eq!(floor.observe(&[]).started, 0);
 }
 
 #[test]
-fn what_does_not_fit_is_counted() {
+fn overflow_is_counted() {
     let far_apart = |i: usize| blob([500.0 * (i % 20) as f64, 500.0 * (i / 20) as f64]);
-    let seen: Vec<_> = (0..300).map(far_apart).collect();
+    let observations: Vec<_> = (0..300).map(far_apart).collect();
     let mut floor = Floor::new();
-    let update = floor.see(&seen[..MAX_TRACKS + 6]);
+    let update = floor.observe(&observations[..MAX_TRACKS + 6]);
     assert_eq!((update.started, update.overflow), (MAX_TRACKS, 6));
-    let update = floor.see(&seen);
+    let update = floor.observe(&observations);
     assert_eq!((update.started, update.overflow), (0, 300 - MAX_TRACKS));
     assert!(
         floor
@@ -394,9 +392,9 @@ fn what_does_not_fit_is_counted() {
 }
 
 #[test]
-fn nonsense_is_ignored_and_counted() {
+fn invalid_observations_are_ignored_and_counted() {
     let mut floor = Floor::new();
-    let update = floor.see(&[
+    let update = floor.observe(&[
         blob([f64::NAN, 0.0]),
         blob([1.0, 2.0]),
         blob([0.0, f64::INFINITY]),
@@ -410,33 +408,35 @@ fn nonsense_is_ignored_and_counted() {
 }
 
 #[test]
-fn a_time_stamp_that_does_not_advance_is_the_same_moment() {
+fn a_time_stamp_that_does_not_advance_is_the_same_time() {
     let mut floor = Floor::new();
-    let place = |frame: u64| [4.0 * frame as f64, 0.0];
+    let position = |frame: u64| [4.0 * frame as f64, 0.0];
     for _ in 0..10 {
-        floor.see(&[blob(place(floor.frame))]);
+        floor.observe(&[blob(position(floor.frame))]);
     }
     let velocity = floor.only().velocity();
     floor.frame -= 1;
-    floor.see(&[blob(place(9))]);
+    floor.observe(&[blob(position(9))]);
     assert_eq!(floor.only().velocity(), velocity);
-    // The clock is set back by a minute's worth of frames: the tracker goes on from there.
+    // The clock is set back by several frames. The tracker continues from there.
     for i in 0..5 {
         let stamp_ns = 1000 + i * STEP_NS;
-        let seen = [blob(place(9 + i))];
-        floor.tracker.update(stamp_ns, &seen, &floor.settings);
+        let observations = [blob(position(9 + i))];
+        floor
+            .tracker
+            .update(stamp_ns, &observations, &floor.settings);
         assert!(distance(floor.only().velocity(), velocity) < 1e-4);
         assert_eq!(floor.only().id(), 1);
     }
 }
 
 #[test]
-fn results_do_not_depend_on_what_a_slot_held_before() {
+fn results_do_not_depend_on_the_previous_use_of_a_slot() {
     let run = |floor: &mut Floor| {
         let mut results = Vec::new();
         for i in 0..30 {
             let t = f64::from(i) * 0.3;
-            floor.see(&[robot(1, [100.0 + 40.0 * t.sin(), 30.0 * t], 0.1 * t)]);
+            floor.observe(&[robot(1, [100.0 + 40.0 * t.sin(), 30.0 * t], 0.1 * t)]);
             let track = floor.only();
             let forecast = track.forecast().to_vec();
             results.push((
@@ -448,47 +448,47 @@ fn results_do_not_depend_on_what_a_slot_held_before() {
         }
         results
     };
-    // Beyond the corners nothing was seen: what is known of the floor is not a slot's.
+    // Nothing is observed beyond the corners. The bounds belong to the tracker, not to a slot.
     let corners = || {
         let mut floor = Floor::new();
-        floor.see(&[blob([0.0, 0.0]), blob([640.0, 480.0])]);
+        floor.observe(&[blob([0.0, 0.0]), blob([640.0, 480.0])]);
         for _ in 0..10 {
-            floor.see(&[]);
+            floor.observe(&[]);
         }
         floor
     };
     let mut used = corners();
     for i in 0..50 {
         let x = f64::from(i % 7) * 3.0;
-        used.see(&[blob([x, 400.0]), robot(9, [300.0, x], x)]);
+        used.observe(&[blob([x, 400.0]), robot(9, [300.0, x], x)]);
     }
     for _ in 0..10 {
-        used.see(&[]);
+        used.observe(&[]);
     }
     assert_eq!(used.ids(), []);
     assert_eq!(run(&mut used), run(&mut corners()));
 }
 
 #[test]
-fn metres_give_what_pixels_give() {
+fn metres_and_pixels_give_equal_results() {
     const METRES_PER_PX: f64 = 0.003;
     let mut pixels = Floor::new();
     let mut metres = Floor::new();
     metres.settings = metres.settings.scaled(METRES_PER_PX);
     for i in 0..60 {
         let t = f64::from(i) * STEP_S;
-        let place = [
+        let position = [
             60.0 * t,
             30.0 * (2.0 * t).sin() + 0.3 * f64::from(i * i % 5),
         ];
-        pixels.see(&[blob(place)]);
-        metres.see(&[Observation {
-            x: place[0] * METRES_PER_PX,
-            y: place[1] * METRES_PER_PX,
-            covariance: blob(place)
+        pixels.observe(&[blob(position)]);
+        metres.observe(&[Observation {
+            x: position[0] * METRES_PER_PX,
+            y: position[1] * METRES_PER_PX,
+            covariance: blob(position)
                 .covariance
                 .map(|row| row.map(|c| c * METRES_PER_PX * METRES_PER_PX)),
-            ..blob(place)
+            ..blob(position)
         }]);
         for (px, m) in pixels
             .only()
@@ -497,7 +497,7 @@ fn metres_give_what_pixels_give() {
             .zip(metres.only().forecast())
         {
             let difference = distance([px.x, px.y], [m.x, m.y].map(|c| c / METRES_PER_PX));
-            // The network works in single precision.
+            // The network has single precision.
             assert!(difference < 1e-2, "frame {i}: {difference} px");
         }
     }

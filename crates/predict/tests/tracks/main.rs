@@ -1,4 +1,4 @@
-//! Tracks on hand-made scenes: what becomes of them from frame to frame, and of those that touch.
+//! Tracks on synthetic scenes: their life cycle, crossings, and touching objects.
 
 mod crossing;
 mod fixture;
