@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use scene::{FRAME_FLOOR, KIND_MARKER, LIGHT_CHANGED, LIGHT_DARK, Object, Scene};
+use scene::{FRAME_FLOOR, KIND_MARKER, LIGHT_CHANGED, LIGHT_DARK, Object, SOURCE_WAITING, Scene};
 use signal_hook::consts::SIGCONT;
 
 use crate::publish::monotonic_ns;
@@ -243,10 +243,17 @@ fn header(scene: &Scene, facts: Facts) -> Vec<String> {
         LIGHT_CHANGED => "just changed",
         _ => "steady",
     };
-    let first = format!(
-        "{}: frame {}, {rate}{age}, light {light}",
-        facts.service, scene.sequence
-    );
+    let first = if scene.source == SOURCE_WAITING {
+        format!(
+            "{}: NO FRAME FROM THE CAMERA for {:.0} s, the last was {}",
+            facts.service, scene.frame_age_s, scene.sequence
+        )
+    } else {
+        format!(
+            "{}: frame {}, {rate}{age}, light {light}",
+            facts.service, scene.sequence
+        )
+    };
     let objects = scene.objects();
     let n =
         |is: &dyn Fn(&Object) -> bool| objects.iter().filter(|object| is(object)).count() as u64;
@@ -367,6 +374,16 @@ mod tests {
                 "    3  arrow              320.0       7.3    -90.0      5.0    61.0  seen",
                 "    4  obstacle           320.0       7.3               5.0    61.0  forecast",
             ]
+        );
+    }
+
+    #[test]
+    fn a_camera_that_gives_no_frames_is_told_first() {
+        let mut scene = scene(0);
+        (scene.source, scene.frame_age_s) = (SOURCE_WAITING, 12.4);
+        assert_eq!(
+            table(&scene, FACTS, screen(100, 24))[0],
+            "overcam/scene: NO FRAME FROM THE CAMERA for 12 s, the last was 1234"
         );
     }
 
