@@ -413,7 +413,9 @@ mod tests {
     }
 
     /// Places in the file and stamps in milliseconds, in order of time; and the steps in milliseconds.
-    fn ordered(times: &[(u64, Option<u64>)]) -> (Vec<(usize, u64)>, Vec<(usize, i64)>) {
+    type Ordered = (Vec<(usize, u64)>, Vec<(usize, i64)>);
+
+    fn ordered(times: &[(u64, Option<u64>)]) -> Ordered {
         let (order, steps) = survey_of(times).order();
         let mut places: Vec<(usize, u64)> = order
             .turns

@@ -367,6 +367,8 @@ mod tests {
             ("stored_format", "bayer"),
             ("floor_from_image", "1 2 3"),
             ("floor_from_image", "1 2 3 4 5 6 7 8 nine"),
+            ("rate_hz", "0"),
+            ("rate_hz", "NaN"),
         ] {
             let mut metadata = good.clone();
             metadata.insert(key.to_owned(), value.to_owned());
@@ -375,6 +377,20 @@ mod tests {
                 from_metadata(&metadata),
                 Err(ProvenanceError::BadValue { key, value })
             );
+        }
+    }
+
+    #[test]
+    fn no_more_pixels_are_believed_than_a_picture_may_have() {
+        let (info, provenance) = example();
+        let good = to_metadata(&info, &provenance, ImageMode::Lossless, 0);
+        for side in ["0", "16384", "100000", "18446744073709551615"] {
+            let mut metadata = good.clone();
+            for key in ["width", "height"] {
+                metadata.insert(key.to_owned(), side.to_owned());
+            }
+            let error = from_metadata(&metadata).expect_err(side);
+            assert!(matches!(error, ProvenanceError::Size(_)), "{error}");
         }
     }
 

@@ -71,23 +71,35 @@ fn count(before: &[u8], luma: &[u8], width: usize) -> (u32, u32) {
     let (mut changed, mut teeth) = (0, 0);
     let n_rows = luma.len() / width;
     for y in 1..n_rows.saturating_sub(2) {
-        let four = &luma[(y - 1) * width..(y + 3) * width];
-        let (above, rest) = four.split_at(width);
-        let (row, rest) = rest.split_at(width);
-        let (below, next) = rest.split_at(width);
-        let old = &before[y * width..][..width];
-        let neighbours = above.iter().zip(below).zip(next);
-        for ((&pixel, &old), ((&above, &below), &next)) in row.iter().zip(old).zip(neighbours) {
-            let [pixel, old, above, below, next] = [pixel, old, above, below, next].map(i32::from);
-            let has_changed = (pixel - old).abs() >= CHANGE;
-            let (up, down) = (pixel - above, pixel - below);
-            let stands_out = up.min(down) >= TOOTH || up.max(down) <= -TOOTH;
-            let is_alike = (above - below).abs() <= ALIKE && (pixel - next).abs() <= ALIKE;
-            changed += u32::from(has_changed);
-            teeth += u32::from(has_changed && stands_out && is_alike);
+        let rows = |plane| -> [&[u8]; 4] { [0, 1, 2, 3].map(|i| row(plane, y - 1 + i, width)) };
+        let ([above, here, below, next], [old_above, old, old_below, _]) =
+            (rows(luma), rows(before));
+        for x in 0..width {
+            let (pixel, old) = (i32::from(here[x]), i32::from(old[x]));
+            if (pixel - old).abs() < CHANGE {
+                continue;
+            }
+            changed += 1;
+            let [above, below, next, old_above, old_below] =
+                [above, below, next, old_above, old_below].map(|row| i32::from(row[x]));
+            let is_tooth = stands_out(pixel, above, below)
+                && (above - below).abs() <= ALIKE
+                && (pixel - next).abs() <= ALIKE
+                // A grating of the floor was there before; the teeth of a comb move along.
+                && !stands_out(old, old_above, old_below);
+            teeth += u32::from(is_tooth);
         }
     }
     (changed, teeth)
+}
+
+fn row(plane: &[u8], y: usize, width: usize) -> &[u8] {
+    &plane[y * width..][..width]
+}
+
+fn stands_out(pixel: i32, above: i32, below: i32) -> bool {
+    let (up, down) = (pixel - above, pixel - below);
+    up.min(down) >= TOOTH || up.max(down) <= -TOOTH
 }
 
 #[cfg(test)]
