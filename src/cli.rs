@@ -350,7 +350,7 @@ where
 }
 
 /// A file whose name has one of these endings.
-fn ending_in(endings: &'static [&'static str]) -> impl TypedValueParser<Value = PathBuf> + Clone {
+fn ending_in(endings: &'static [&'static str]) -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(move |path| {
         let found = path.extension().unwrap_or_default();
         if endings

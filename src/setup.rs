@@ -214,7 +214,7 @@ fn check_plate(
     let tolerance = f64::from(settings::PRINTED_SIZE_TOLERANCE);
     match calibration.plate_px(plate_mm, size) {
         Some((from, to)) if to * tolerance < least || from / tolerance > most => bail!(
-            "--plate {plate_mm}: such plates would be {from:.2} to {to:.2} pixels wide, and none is read that is not {least} to {most}; \
+            "--plate {plate_mm}: such plates would be {from:.2} to {to:.2} pixels wide in this picture, but those of {least} to {most} are read; \
              give the calibration's floor points in metres and the plate in millimetres"
         ),
         _ => Ok(()),

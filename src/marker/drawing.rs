@@ -18,7 +18,7 @@ use std::fmt;
 use usvg::roxmltree;
 
 use crate::marker::drawing::canvas::{COMPARED, Canvas, TRACED};
-use crate::marker::drawing::content::Content;
+use crate::marker::drawing::content::{Content, refuse_endless};
 
 /// By how much numbers in files and their sums may be off, in units of the plate's side.
 const ROUNDING: f32 = 1e-3;
@@ -138,13 +138,36 @@ impl fmt::Display for Reason {
 ///
 /// [`DrawingError`] when the file is not one dark, closed, filled shape on a square.
 pub fn read_drawing(name: &str, svg: &str) -> Result<Drawing, DrawingError> {
-    let outline = outline(svg).map_err(|reason| DrawingError {
+    let outline = outline_with_room(svg).map_err(|reason| DrawingError {
         name: name.to_owned(),
         reason,
     })?;
     Ok(Drawing {
         name: name.to_owned(),
         outline,
+    })
+}
+
+/// Bytes of stack for what is nested in a file: parser and renderer call themselves for every level, up to a thousand.
+const STACK_BYTES: usize = 64 << 20;
+
+/// Reads the outline in a thread that has the stack for it.
+fn outline_with_room(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
+    if unread::is_too_deep(svg) {
+        let error = "its elements are nested too deep";
+        return Err(Reason::NotSvg(error.to_owned()));
+    }
+    std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().stack_size(STACK_BYTES);
+        match thread
+            .spawn_scoped(scope, || outline(svg))
+            .map(|t| t.join())
+        {
+            Ok(Ok(outline)) => outline,
+            // A fault of the renderer is one of the drawing, as far as a user can do something about it.
+            Ok(Err(_)) => Err(Reason::NotSvg("it cannot be drawn".to_owned())),
+            Err(error) => Err(Reason::NotSvg(error.to_string())),
+        }
     })
 }
 
@@ -158,6 +181,7 @@ fn outline(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
     if let Some(unread) = content.unread {
         return Err(unread.into());
     }
+    refuse_endless(&tree)?;
     let canvas = Canvas::draw(&tree, COMPARED);
     if let (Some(canvas), [outline]) = (&canvas, &content.outlines[..])
         && outline.iter().flatten().all(|c| c.abs() <= 0.5 + ROUNDING)
@@ -170,7 +194,12 @@ fn outline(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
         return Err(feature.into());
     }
     let Some(canvas) = canvas else {
-        return Err(content.faint.map_or(Reason::DarkShapes(0), Reason::Faint));
+        return Err(match (content.faint, content.shading) {
+            (Some(opacity), _) => Reason::Faint(opacity),
+            // A mask, say, of which nothing is light.
+            (None, Some(shading)) if content.has_dark => shading.into(),
+            _ => Reason::DarkShapes(0),
+        });
     };
     let figures = canvas.figures();
     if figures.fills_plate {

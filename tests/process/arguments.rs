@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::fixture::{folder, printed, run, write_y4m};
+use crate::fixture::{PLAIN, folder, printed, run, write_y4m};
 
 #[test]
 fn every_number_has_a_range_that_is_told() {
@@ -155,9 +155,10 @@ fn files_are_written_only_under_names_that_say_what_they_are() {
             assert_eq!(ended.status, Some(2), "{file}: {:?}", ended.errors);
             let told = format!("must end in {ending}");
             assert!(ended.said(&told), "{file}: {:?}", ended.errors);
-            assert!(!folder.path().join(file).exists());
         }
     }
+    let made = fs::read_dir(folder.path()).expect("the folder").count();
+    assert_eq!(made, 1, "only the markers of the fixture");
     let sheet = ["markers", "sheet", "one", "-o", "SHEET.PDF"];
     assert_eq!(printed(folder.path(), &sheet), ["SHEET.PDF"]);
     let pdf = fs::read(folder.path().join("SHEET.PDF")).expect("it was written");
@@ -188,5 +189,39 @@ fn a_plate_needs_a_floor() {
             ended.errors
         );
         assert_eq!(ended.errors.len(), 1);
+    }
+}
+
+/// The settings of a recording have the ranges of the arguments.
+#[test]
+fn settings_of_a_recording_are_checked() {
+    let folder = folder();
+    write_y4m(&folder.path().join("run.y4m"), 20);
+    let record = [
+        "--device", "run.y4m", "--learn", "15", "--record", "run.mcap",
+    ];
+    printed(folder.path(), &[&PLAIN[..], &record].concat());
+    let recording = fs::read(folder.path().join("run.mcap")).expect("it was recorded");
+    let replace = |from: &[u8], to: &[u8]| {
+        assert_eq!(from.len(), to.len());
+        let mut changed = recording.clone();
+        let at = changed.windows(from.len()).position(|part| part == from);
+        let at = at.expect("the settings are there as text");
+        changed[at..at + to.len()].copy_from_slice(to);
+        fs::write(folder.path().join("changed.mcap"), changed).expect("it can be written");
+    };
+    let replay = ["--device", "changed.mcap", "--no-publish"];
+    replace(b"threshold = 5.0", b"threshold = 6.0");
+    printed(folder.path(), &replay);
+    for value in [b"threshold = nan", b"threshold = 0.0"] {
+        replace(b"threshold = 5.0", value);
+        let ended = run(folder.path(), &replay);
+        assert_eq!(ended.status, Some(1), "{:?}", ended.errors);
+        assert!(
+            ended.said("changed.mcap: its settings: the setting threshold is")
+                && ended.said("from 0.1 to 1000"),
+            "{:?}",
+            ended.errors
+        );
     }
 }

@@ -235,7 +235,8 @@ fn regions_and_floors_that_cannot_be_used_are_refused() {
     write_region(&path("dark.png"), 0);
     write_region(&path("light.png"), HEIGHT);
     fs::write(path("notes.txt"), "once upon a time").expect("it can be written");
-    fs::create_dir(path("taken")).expect("it can be made");
+    fs::create_dir(path("taken.png")).expect("it can be made");
+    std::os::unix::fs::symlink("/dev/null", path("null.png")).expect("a link can be made");
     for (device, file, reason) in [
         ("run.y4m", "nowhere.png", "No such file"),
         ("run.y4m", "notes.txt", "neither a PNG nor a JPEG file"),
@@ -251,8 +252,8 @@ fn regions_and_floors_that_cannot_be_used_are_refused() {
     }
     for (file, reason) in [
         ("nowhere/floor.png", "No such file"),
-        ("taken", "no regular file"),
-        ("/dev/null", "no regular file"),
+        ("taken.png", "no regular file"),
+        ("null.png", "no regular file"),
     ] {
         let arguments = ["background", "--device", "run.y4m", "-o", file];
         assert_refused(folder.path(), &arguments, &[file, reason]);

@@ -1,6 +1,7 @@
 //! What a drawing consists of, as `usvg` resolved it: the outlines of its dark fills, and all that may make the picture differ from
 //! them.
 
+use usvg::filter::{Filter, Kind};
 use usvg::tiny_skia_path::{PathSegment, Point, Rect};
 use usvg::{Group, Node, Paint, Path};
 
@@ -17,6 +18,16 @@ const FAINT: f32 = 0.02;
 
 /// A stroke that changes the light by less than this is a guide.
 const FAINT_STROKE: f32 = 0.25;
+
+/// Shapes and groups that are drawn at most, those in masks, patterns and clip paths included: a marker has few, and every one may cost
+/// a millisecond.
+const NODES_MAX: usize = 2000;
+
+/// Groups within groups that need a picture of their own, for an opacity or a mask; others are gone.
+const DEPTH_MAX: usize = 24;
+
+/// A group that needs a picture of its own may be so many times as large as the plate: pixels are counted in 32 bits.
+const SIZE_MAX: f32 = 10_000.0;
 
 /// Something besides plain fills.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +55,7 @@ pub(super) struct Content {
     /// Opacity of the darkest fill that is light for its opacity alone.
     pub(super) faint: Option<f32>,
     /// Whether something dark came before, in the order of drawing.
-    has_dark: bool,
+    pub(super) has_dark: bool,
 }
 
 impl Content {
@@ -55,6 +66,75 @@ impl Content {
         walk.group(tree.root(), 1.0, &mut content);
         content
     }
+}
+
+/// Refuses what would take minutes or gigabytes to draw.
+pub(super) fn refuse_endless(tree: &usvg::Tree) -> Result<(), Reason> {
+    let mut left = NODES_MAX;
+    let largest = SIZE_MAX * tree.size().width().max(tree.size().height());
+    refuse_endless_group(tree.root(), largest, 0, &mut left)?;
+    // Of these, one number decides how long a pixel takes.
+    let is_slow = |filter: &&std::sync::Arc<Filter>| {
+        filter.primitives().iter().any(|primitive| {
+            matches!(
+                primitive.kind(),
+                Kind::ConvolveMatrix(_)
+                    | Kind::DiffuseLighting(_)
+                    | Kind::DisplacementMap(_)
+                    | Kind::Morphology(_)
+                    | Kind::SpecularLighting(_)
+                    | Kind::Turbulence(_)
+            )
+        })
+    };
+    match tree.filters().iter().find(is_slow) {
+        Some(filter) => Err(Reason::NotRead {
+            what: "a filter".to_owned(),
+            id: filter.id().to_owned(),
+            remedy: "remove it",
+        }),
+        None => Ok(()),
+    }
+}
+
+/// `left` is how many nodes there may still be, `largest` how wide and high a group may be.
+fn refuse_endless_group(
+    group: &Group,
+    largest: f32,
+    depth: usize,
+    left: &mut usize,
+) -> Result<(), Reason> {
+    let refused = |what: String| Reason::NotRead {
+        what,
+        id: group.id().to_owned(),
+        remedy: "unite what is to be printed into one path",
+    };
+    let bounds = group.abs_layer_bounding_box();
+    if group.should_isolate() && bounds.width().max(bounds.height()) > largest {
+        return Err(refused(format!(
+            "something more than {SIZE_MAX} times as large as the plate"
+        )));
+    }
+    if depth > DEPTH_MAX {
+        return Err(refused(format!("groups more than {DEPTH_MAX} deep")));
+    }
+    for node in group.children() {
+        if *left == 0 {
+            return Err(refused(format!("more than {NODES_MAX} shapes")));
+        }
+        *left -= 1;
+        let mut result = match node {
+            Node::Group(group) => refuse_endless_group(group, largest, depth + 1, left),
+            _ => Ok(()),
+        };
+        node.subroots(|root| {
+            if result.is_ok() {
+                result = refuse_endless_group(root, largest, depth + 1, left);
+            }
+        });
+        result?;
+    }
+    Ok(())
 }
 
 /// The plate that content is looked for on, in units of the tree.

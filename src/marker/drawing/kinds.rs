@@ -215,7 +215,7 @@ fn what_changes_the_picture_and_is_not_read_is_named() {
         ),
         (
             r##"<mask id="m"><rect width="100" height="100" fill="#000"/></mask><path mask="url(#m)" d="M50 9L80 90H20Z"/>"##,
-            "no dark shape",
+            "a mask",
         ),
         (
             r##"<path d="M50 9L80 90H20Z"/><rect width="18" height="18" fill="#888"/>"##,
@@ -280,4 +280,60 @@ fn what_changes_the_picture_and_is_not_read_is_named() {
         assert!(refused.contains(reason), "{content}: {refused}");
         assert!(!refused.contains('\n'));
     }
+}
+
+/// Small files that would keep a renderer busy for hours.
+#[test]
+fn drawings_without_an_end_are_refused() {
+    let nested: String = (1..5)
+        .map(|i| {
+            format!(
+                "<g id=\"g{i}\">{}</g>",
+                format!("<use href=\"#g{}\"/>", i - 1).repeat(8)
+            )
+        })
+        .collect();
+    let many = format!("<defs><path id=\"g0\" d=\"M0 0h9v9z\"/></defs>{nested}");
+    let filter = |primitive: &str| {
+        format!(
+            "<filter id=\"f\">{primitive}</filter><path filter=\"url(#f)\" d=\"M50 9L80 90H20Z\"/>"
+        )
+    };
+    for (content, reason) in [
+        (many, "more than 2000 shapes"),
+        (ARROW.repeat(3000), "more than 2000 shapes"),
+        (
+            format!("<g opacity=\"0.5\"><path d=\"M0 0h1e9v1e9\"/></g>{ARROW}"),
+            "times as large as the plate",
+        ),
+        (
+            filter("<feTurbulence baseFrequency=\"0.1\" numOctaves=\"999999999\"/>"),
+            "a filter, id \"f\"",
+        ),
+        (
+            filter("<feMorphology operator=\"dilate\" radius=\"9999\"/>"),
+            "a filter",
+        ),
+    ] {
+        let refused = read(&content)
+            .map(|outline| outline.len())
+            .expect_err(reason);
+        assert!(refused.contains(reason), "{refused}");
+    }
+    for depth in [100, 5000, 500_000] {
+        let deep = "<g opacity=\"0.999\">".repeat(depth) + ARROW + &"</g>".repeat(depth);
+        assert!(read(&deep).is_err(), "{depth}");
+    } // What is no tag does not count.
+    let flat = format!(
+        "{}{}",
+        "<!-- <g><g> --><g id='/>'/><g id='>'></g>".repeat(300),
+        ARROW
+    );
+    assert!(read(&flat).is_ok());
+    let uses: String = (1..900)
+        .map(|i| format!("<g id=\"g{i}\"><use href=\"#g{}\"/></g>", i - 1))
+        .collect();
+    let chain = format!("<g id=\"g0\">{ARROW}</g>{uses}");
+    // Whatever it shows, reading it ends.
+    let _ = read(&chain);
 }

@@ -117,6 +117,46 @@ const PSEUDO_CLASSES: [&str; 11] = [
     "selection",
 ];
 
+/// Elements within elements: more are a mistake or an attack, for parsers call themselves for each.
+const DEPTH_MAX: usize = 256;
+
+/// Whether elements are nested so deep that a parser's stack may not suffice. Looks at the text alone.
+pub(super) fn is_too_deep(svg: &str) -> bool {
+    let bytes = svg.as_bytes();
+    let skip = |from: usize, end: &str| svg[from..].find(end).map_or(bytes.len(), |at| from + at);
+    let (mut at, mut depth) = (0, 0usize);
+    while let Some(start) = svg[at..].find('<').map(|found| at + found) {
+        at = start + 1;
+        match bytes.get(at) {
+            Some(b'!') if svg[at..].starts_with("!--") => at = skip(at, "-->"),
+            Some(b'!') if svg[at..].starts_with("![CDATA[") => at = skip(at, "]]>"),
+            Some(b'!' | b'?') | None => {}
+            Some(b'/') => depth = depth.saturating_sub(1),
+            Some(_) => {
+                depth += 1;
+                if depth > DEPTH_MAX {
+                    return true;
+                }
+                // To the end of the tag, which may also be in a quoted value.
+                let mut quote = None;
+                while let Some(&byte) = bytes.get(at) {
+                    match quote {
+                        Some(open) if open == byte => quote = None,
+                        None if matches!(byte, b'"' | b'\'') => quote = Some(byte),
+                        None if byte == b'>' => {
+                            depth -= usize::from(bytes[at - 1] == b'/');
+                            break;
+                        }
+                        _ => {}
+                    }
+                    at += 1;
+                }
+            }
+        }
+    }
+    false
+}
+
 /// Refuses what changes the picture in a way that is not read.
 pub(super) fn refuse(document: &Document) -> Result<(), Reason> {
     for node in document.descendants() {
