@@ -45,7 +45,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use scene::{SERVICE_SUFFIX, Scene};
 
 use crate::publish::place::{Kind, Place};
-use crate::publish::presence::Presence;
+use crate::publish::presence::{Found, Presence};
 
 /// The variant of iceoryx2's inter-process services whose ports may move to another thread.
 pub(crate) type Ipc = ipc_threadsafe::Service;
@@ -154,8 +154,8 @@ impl Publisher {
     ///
     /// # Errors
     ///
-    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed. [`PublishError::Removed`] and
-    /// [`PublishError::Lost`] say what was found; the scene was published if that was possible.
+    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed. [`PublishError::PutBack`],
+    /// [`PublishError::Removed`] and [`PublishError::Lost`] say what was found; the scene was published if that was possible.
     pub fn send(&mut self, scene: &Scene) -> Result<(), PublishError> {
         let now_ns = monotonic_ns();
         let presence = self.look_after_files(now_ns);
@@ -202,14 +202,18 @@ impl Publisher {
             return Ok(());
         }
         self.looked_ns = now_ns;
-        let file = match &self.ports {
-            Some(ports) => match ports.presence.missing() {
-                None => {
-                    self.place.admit();
-                    return Ok(());
-                }
-                Some(file) => file.display().to_string(),
-            },
+        let file = match self.ports.as_mut().map(|ports| ports.presence.look()) {
+            Some(Found::Whole) => {
+                self.place.admit();
+                return Ok(());
+            }
+            Some(Found::PutBack(file)) => {
+                return Err(PublishError::PutBack {
+                    service: self.name.to_string(),
+                    file: file.display().to_string(),
+                });
+            }
+            Some(Found::Missing(file)) => file.display().to_string(),
             None => "shared memory".to_owned(),
         };
         // First, as there is room for one publisher.
