@@ -200,7 +200,7 @@ def newest(config, service):
     settings = config.global_cfg
     file = f"{settings.prefix.to_string()}{service.service_hash.as_str}.service"
     try:
-        found = os.stat(f"{settings.service_dir.to_string()}/{file}")
+        with open(f"{settings.service_dir.to_string()}/{file}", "rb") as description:
+            return description.read()
     except FileNotFoundError:
         return None
-    return found.st_ino, found.st_mtime_ns

@@ -9,7 +9,7 @@
 //! for late joiners. One service has one publisher: a second one is refused while the first lives, and takes over what a
 //! killed first one left behind, subscribers included. When the files are removed while they are in use, the service is opened anew.
 //!
-//! `place` says where the files are and who may reach them, `presence` whether they are still there, `leftovers` who is behind a
+//! `ports` is what is open, `place` says where the files are and who may reach them, `presence` whether they are still there, `leftovers` who is behind a
 //! service that cannot be opened.
 //!
 //! Deliberately absent: the configuration files of iceoryx2, which it would look for in the working directory (planners use
@@ -18,34 +18,22 @@
 mod error;
 pub(crate) mod leftovers;
 mod place;
+mod ports;
 mod presence;
 
 pub use error::{NameError, PublishError};
 pub(crate) use place::user_name;
+pub(crate) use ports::node;
 
-use std::fs;
-use std::os::unix::fs::MetadataExt;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use iceoryx2::node::NodeCreationFailure;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::{Publisher as ScenePort, PublisherCreateError};
-use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::{
-    BackpressureStrategy, CallbackProgression, Config, LogLevel, MessagingPattern, Node,
-    NodeBuilder, NodeState, PortFactory, ServiceName, SignalHandlingMode, ipc_threadsafe,
-    set_log_level,
-};
-use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
-use iceoryx2::service::builder::publish_subscribe::{
-    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
-};
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::prelude::{LogLevel, PortFactory, ServiceName, ipc_threadsafe, set_log_level};
 use scene::{SERVICE_SUFFIX, Scene};
 
 use crate::publish::place::{Kind, Place};
-use crate::publish::presence::Presence;
+use crate::publish::ports::{Ports, denied};
+use crate::publish::presence::Found;
 
 /// The variant of iceoryx2's inter-process services whose ports may move to another thread.
 pub(crate) type Ipc = ipc_threadsafe::Service;
@@ -97,18 +85,6 @@ pub struct Publisher {
     retry: (u64, u64),
 }
 
-/// What is open in shared memory.
-#[derive(Debug)]
-struct Ports {
-    // Ports go before the services they belong to, and these before the node.
-    port: ScenePort<Ipc, Scene, ()>,
-    /// Missing only if it could not be made again.
-    notifier: Option<Notifier<Ipc>>,
-    service: publish_subscribe::PortFactory<Ipc, Scene, ()>,
-    event: event::PortFactory<Ipc>,
-    presence: Presence,
-}
-
 impl Publisher {
     /// Opens the services `name/scene` for publication, and first clears away what killed processes left behind. Subscribers are
     /// programs of the same user, and of root.
@@ -154,8 +130,8 @@ impl Publisher {
     ///
     /// # Errors
     ///
-    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed. [`PublishError::Removed`] and
-    /// [`PublishError::Lost`] say what was found; the scene was published if that was possible.
+    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed. [`PublishError::PutBack`],
+    /// [`PublishError::Removed`] and [`PublishError::Lost`] say what was found; the scene was published if that was possible.
     pub fn send(&mut self, scene: &Scene) -> Result<(), PublishError> {
         let now_ns = monotonic_ns();
         let presence = self.look_after_files(now_ns);
@@ -202,14 +178,18 @@ impl Publisher {
             return Ok(());
         }
         self.looked_ns = now_ns;
-        let file = match &self.ports {
-            Some(ports) => match ports.presence.missing() {
-                None => {
-                    self.place.admit();
-                    return Ok(());
-                }
-                Some(file) => file.display().to_string(),
-            },
+        let file = match self.ports.as_mut().map(|ports| ports.presence.look()) {
+            Some(Found::Whole) => {
+                self.place.admit();
+                return Ok(());
+            }
+            Some(Found::PutBack(file)) => {
+                return Err(PublishError::PutBack {
+                    service: self.name.to_string(),
+                    file: file.display().to_string(),
+                });
+            }
+            Some(Found::Missing(file)) => file.display().to_string(),
             None => "shared memory".to_owned(),
         };
         // First, as there is room for one publisher.
@@ -255,111 +235,6 @@ impl Publisher {
         if let Some(ports) = &mut self.ports {
             ports.connect_anew();
             self.place.admit();
-        }
-    }
-}
-
-impl Ports {
-    fn open(place: &Place, name: ServiceName) -> Result<Self, PublishError> {
-        let node = node(&place.config).map_err(|failure| match failure {
-            NodeCreationFailure::InsufficientPermissions => denied(name, failure),
-            other => open_error(name, other),
-        })?;
-        let service = node
-            .service_builder(&name)
-            .publish_subscribe::<Scene>()
-            .max_publishers(1)
-            .max_subscribers(MAX_SUBSCRIBERS)
-            .subscriber_max_buffer_size(SUBSCRIBER_BUFFER)
-            .subscriber_max_borrowed_samples(SUBSCRIBER_BORROWED)
-            .history_size(HISTORY)
-            .enable_safe_overflow(true)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|error| scene_service_error(place, name, error))?;
-        if place.kind == Kind::Default {
-            refuse_foreign(place, name)?;
-        }
-        let port = service
-            .publisher_builder()
-            .max_loaned_samples(1)
-            // With safe overflow nothing is ever undeliverable, unless a subscriber's queue is damaged: pass over it then.
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|error| match error {
-                PublisherCreateError::ExceedsMaxSupportedPublishers => taken(name, &service),
-                other => open_error(name, other),
-            })?;
-        let event = event_service(place, &node, name)?;
-        let notifier = event
-            .notifier_builder()
-            .create()
-            .map_err(|error| open_error(name, error))?;
-        place.admit();
-        let numbers = [
-            port.id().value(),
-            service.unique_service_id().value(),
-            event.unique_service_id().value(),
-        ];
-        let presence = Presence::of(&place.config, &name, node.id().value(), &numbers);
-        Ok(Self {
-            port,
-            notifier: Some(notifier),
-            service,
-            event,
-            presence,
-        })
-    }
-
-    /// Returns how many subscribers were reached.
-    fn send(&self, scene: &Scene, now_ns: u64) -> Result<usize, PublishError> {
-        let failed = |reason: String| PublishError::Send {
-            service: self.service.name().to_string(),
-            sequence: scene.sequence,
-            reason,
-        };
-        let loan = self
-            .port
-            .loan_uninit()
-            .map_err(|error| failed(error.to_string()))?;
-        let mut sample = loan.write_payload(*scene);
-        sample.payload_mut().published_ns = now_ns;
-        sample.send().map_err(|error| failed(error.to_string()))
-    }
-
-    /// Returns how many were woken.
-    fn wake(&mut self) -> Result<usize, PublishError> {
-        if self.notifier.is_none() {
-            self.notifier = self.event.notifier_builder().create().ok();
-        }
-        match self.notifier.as_ref().map(Notifier::notify) {
-            Some(Ok(n_woken)) => Ok(n_woken),
-            Some(Err(error)) => Err(self.not_woken(error)),
-            None => Err(self.not_woken("there is no notifier")),
-        }
-    }
-
-    fn update_connections(&self) -> Result<(), PublishError> {
-        self.port
-            .update_connections()
-            .map_err(|error| self.not_woken(error))
-    }
-
-    /// Makes iceoryx2 connect to all subscribers that it could not connect to when they came: it does so when one comes or goes, and
-    /// a notifier does so when it is made.
-    fn connect_anew(&mut self) {
-        self.notifier = None;
-        self.notifier = self.event.notifier_builder().create().ok();
-        if let Ok(_one_that_comes) = self.service.subscriber_builder().buffer_size(1).create() {
-            // It is tried again later.
-            let _ = self.port.update_connections();
-        }
-    }
-
-    fn not_woken(&self, error: impl ToString) -> PublishError {
-        PublishError::Wake {
-            service: self.service.name().to_string(),
-            reason: error.to_string(),
         }
     }
 }
@@ -433,17 +308,6 @@ fn open_patiently(
     }
 }
 
-/// Nothing of another user is used: it could be read only by that user, and be meant to do harm.
-fn refuse_foreign(place: &Place, name: ServiceName) -> Result<(), PublishError> {
-    let file = scene::static_file(&place.config, &name, MessagingPattern::PublishSubscribe);
-    match fs::symlink_metadata(&file) {
-        Ok(found) if found.uid() != rustix::process::geteuid().as_raw() => {
-            Err(foreign(place, name))
-        }
-        _ => Ok(()),
-    }
-}
-
 /// `CLOCK_MONOTONIC`, the clock of the cameras' time stamps, which all processes of this machine share.
 #[must_use]
 pub fn monotonic_ns() -> u64 {
@@ -475,14 +339,6 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, NameError> {
         .map_err(|_| NameError::Reserved { name: owned() })
 }
 
-/// A participant that follows no configuration file and leaves signals alone. Creating it clears away dead ones.
-pub(crate) fn node(config: &Config) -> Result<Node<Ipc>, NodeCreationFailure> {
-    NodeBuilder::new()
-        .config(config)
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create()
-}
-
 /// Memory is only taken when a scene is written into it, and there is no way to refuse it then but a fatal signal.
 fn check_room(service: ServiceName) -> Result<(), PublishError> {
     let Ok(space) = rustix::fs::statvfs(SHARED_MEMORY) else {
@@ -497,154 +353,6 @@ fn check_room(service: ServiceName) -> Result<(), PublishError> {
         needed_kib: SEGMENT_BYTES.div_ceil(1024),
         free_kib: free_bytes / 1024,
     })
-}
-
-fn event_service(
-    place: &Place,
-    node: &Node<Ipc>,
-    name: ServiceName,
-) -> Result<event::PortFactory<Ipc>, PublishError> {
-    node.service_builder(&name)
-        .event()
-        .max_notifiers(1)
-        .max_listeners(MAX_SUBSCRIBERS)
-        .max_nodes(MAX_NODES)
-        .open_or_create()
-        .map_err(|error| event_service_error(place, name, error))
-}
-
-/// Who has the place of the one publisher: a living process, or the remains of a dead one.
-fn taken(
-    name: ServiceName,
-    service: &publish_subscribe::PortFactory<Ipc, Scene, ()>,
-) -> PublishError {
-    let mut owner = None;
-    service.dynamic_config().list_publishers(|publisher| {
-        owner = Some(publisher.node_id);
-        CallbackProgression::Stop
-    });
-    let mut alive = false;
-    let listed = service.nodes(|state| {
-        alive |= Some(*state.node_id()) == owner && !matches!(state, NodeState::Dead(_));
-        CallbackProgression::Continue
-    });
-    match owner.map(|node| node.pid::<Ipc>()) {
-        Some(Ok(pid)) if alive && listed.is_ok() => PublishError::Taken {
-            service: name.to_string(),
-            pid: pid.value(),
-        },
-        _ => PublishError::Blocked {
-            service: name.to_string(),
-        },
-    }
-}
-
-fn scene_service_error(
-    place: &Place,
-    service: ServiceName,
-    error: PublishSubscribeOpenOrCreateError,
-) -> PublishError {
-    use PublishSubscribeCreateError as Create;
-    use PublishSubscribeOpenError as Open;
-    use PublishSubscribeOpenOrCreateError as Both;
-    match error {
-        Both::PublishSubscribeOpenError(
-            Open::IncompatibleTypes
-            | Open::VersionMismatch
-            | Open::ServiceInCorruptedState
-            | Open::IncompatibleMessagingPattern
-            | Open::IncompatibleOverflowBehavior
-            | Open::DoesNotSupportRequestedMinBufferSize
-            | Open::DoesNotSupportRequestedMinHistorySize
-            | Open::DoesNotSupportRequestedMinSubscriberBorrowedSamples
-            | Open::DoesNotSupportRequestedAmountOfPublishers
-            | Open::DoesNotSupportRequestedAmountOfSubscribers
-            | Open::DoesNotSupportRequestedAmountOfNodes,
-        ) => incompatible(service, error),
-        Both::PublishSubscribeOpenError(Open::HangsInCreation | Open::IsMarkedForDestruction)
-        | Both::PublishSubscribeCreateError(
-            Create::HangsInCreation
-            | Create::IsBeingCreatedByAnotherInstance
-            | Create::ServiceInCorruptedState,
-        )
-        | Both::SystemInFlux => blocked(service),
-        Both::PublishSubscribeOpenError(Open::InsufficientPermissions)
-        | Both::PublishSubscribeCreateError(Create::InsufficientPermissions) => {
-            foreign(place, service)
-        }
-        other => open_error(service, other),
-    }
-}
-
-fn event_service_error(
-    place: &Place,
-    service: ServiceName,
-    error: EventOpenOrCreateError,
-) -> PublishError {
-    use EventCreateError as Create;
-    use EventOpenError as Open;
-    use EventOpenOrCreateError as Both;
-    match error {
-        Both::EventOpenError(
-            Open::VersionMismatch
-            | Open::ServiceInCorruptedState
-            | Open::IncompatibleMessagingPattern
-            | Open::DoesNotSupportRequestedAmountOfNotifiers
-            | Open::DoesNotSupportRequestedAmountOfListeners
-            | Open::DoesNotSupportRequestedMaxEventId
-            | Open::DoesNotSupportRequestedAmountOfNodes,
-        ) => incompatible(service, error),
-        Both::EventOpenError(Open::HangsInCreation | Open::IsMarkedForDestruction)
-        | Both::EventCreateError(
-            Create::IsBeingCreatedByAnotherInstance | Create::ServiceInCorruptedState,
-        )
-        | Both::SystemInFlux => blocked(service),
-        Both::EventOpenError(Open::InsufficientPermissions)
-        | Both::EventCreateError(Create::InsufficientPermissions) => foreign(place, service),
-        other => open_error(service, other),
-    }
-}
-
-/// What differs is looked up later.
-fn incompatible(service: ServiceName, error: impl ToString) -> PublishError {
-    PublishError::Incompatible {
-        service: service.to_string(),
-        reason: error.to_string(),
-    }
-}
-
-fn blocked(service: ServiceName) -> PublishError {
-    PublishError::Blocked {
-        service: service.to_string(),
-    }
-}
-
-fn denied(service: ServiceName, reason: impl ToString) -> PublishError {
-    PublishError::Denied {
-        service: service.to_string(),
-        reason: reason.to_string(),
-    }
-}
-
-/// The service's files belong to another user.
-fn foreign(place: &Place, service: ServiceName) -> PublishError {
-    let file = scene::static_file(&place.config, &service, MessagingPattern::PublishSubscribe);
-    let reason = match fs::symlink_metadata(&file) {
-        Ok(found) => format!(
-            "{} belongs to user {}",
-            file.display(),
-            user_name(found.uid())
-        ),
-        Err(_) => format!("files in {} belong to another user", place.root().display()),
-    };
-    denied(service, reason)
-}
-
-fn open_error(service: ServiceName, error: impl ToString) -> PublishError {
-    PublishError::Open {
-        service: service.to_string(),
-        reason: error.to_string(),
-    }
 }
 
 #[cfg(test)]

@@ -67,7 +67,7 @@ struct Surroundings<'a> {
 /// The arguments that were given, in the order of their definition, with absolute paths.
 fn command_line(definition: &Command, given: &ArgMatches, folder: &Path) -> Vec<OsString> {
     let is_path = |parser: &ValueParser| {
-        let path: ValueParser = value_parser!(PathBuf).into();
+        let path: ValueParser = value_parser!(PathBuf);
         parser.type_id() == path.type_id()
     };
     let mut words = Vec::new();
@@ -191,6 +191,12 @@ fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String
         writable.push("/tmp".to_owned());
         ""
     };
+    // The directories of a group hand its number on to what is made in them, by that very bit.
+    let sgid = if args.group.is_none() {
+        "RestrictSUIDSGID=yes\n"
+    } else {
+        ""
+    };
     let writable = if writable.is_empty() {
         String::new()
     } else {
@@ -249,7 +255,7 @@ fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String
          RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6\n\
          RestrictNamespaces=yes\n\
          RestrictRealtime=yes\n\
-         RestrictSUIDSGID=yes\n\
+         {sgid}\
          LockPersonality=yes\n\
          MemoryDenyWriteExecute=yes\n\
          SystemCallArchitectures=native\n\
@@ -392,6 +398,7 @@ mod tests {
         assert_eq!(line(&unit, "User="), "overcam");
         assert_eq!(line(&unit, "ReadWritePaths="), "/tmp");
         assert!(!unit.contains("PrivateTmp"));
+        assert_eq!(line(&unit, "RestrictSUIDSGID="), "yes");
     }
 
     #[test]
@@ -400,6 +407,10 @@ mod tests {
         assert_eq!(line(&unit, "SupplementaryGroups="), "video robots");
         assert_eq!(line(&unit, "PrivateTmp="), "yes");
         assert!(!unit.contains("ReadWritePaths"));
+        assert!(
+            !unit.contains("RestrictSUIDSGID"),
+            "it makes directories with that bit"
+        );
         assert!(line(&unit, "ExecStart=").ends_with("--device demo --group robots"));
     }
 

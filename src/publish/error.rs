@@ -122,6 +122,14 @@ pub enum PublishError {
         /// What failed, in the middleware's words.
         reason: String,
     },
+    /// A program that left removed a file by which newcomers find the service; it is there again.
+    #[error("service `{service}`: {file} had been removed, and is put back")]
+    PutBack {
+        /// The service.
+        service: String,
+        /// The file.
+        file: String,
+    },
     /// Somebody removed the service's files; it has been opened anew. No scene was lost that later subscribers could have had.
     #[error(
         "service `{service}` is published anew: another program had removed {file} (systemd does so when a user logs out: RemoveIPC=no)"

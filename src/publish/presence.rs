@@ -1,7 +1,8 @@
 //! Whether newcomers can still find what is published: the files of iceoryx2 may be removed while they are in use.
 
-use std::fs;
-use std::os::unix::fs::MetadataExt;
+use std::fs::{self, Permissions};
+use std::io;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -9,27 +10,51 @@ use iceoryx2::prelude::{Config, MessagingPattern, ServiceName};
 
 use super::SHARED_MEMORY;
 
-/// Files that were there when the service was opened.
+/// Files that have to be there, and which they were when the service was opened. One may have gone before that was looked up.
 #[derive(Debug)]
-pub(super) struct Presence(Vec<(PathBuf, Identity)>);
+pub(super) struct Presence {
+    descriptions: Vec<Description>,
+    others: Vec<(PathBuf, Option<Identity>)>,
+}
+
+/// The file that tells newcomers of a service. It never changes, so it can be put back. Whoever is the last to leave a service takes
+/// it away by its name, and thus that of a newer service: subscribers do so that were connected when everything was removed.
+#[derive(Debug)]
+struct Description {
+    file: PathBuf,
+    identity: Option<Identity>,
+    mode: u32,
+    text: Vec<u8>,
+}
+
+/// What has become of the files.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Found {
+    /// All are there.
+    Whole,
+    /// This one was not, and is there again; nobody who is connected has noticed.
+    PutBack(PathBuf),
+    /// This one is missing, or is another one now: newcomers find nothing, or somebody else.
+    Missing(PathBuf),
+}
 
 /// Tells a file from another one of the same name. The number alone may be given again; with the moment it was written it is not.
 type Identity = (u64, u64, Option<SystemTime>);
 
 impl Presence {
-    /// What is there for the service `name` of the node `node`, and in shared memory under one of the `numbers`.
+    /// What has to be there for the service `name` and the node `node`, and what is in shared memory under one of the `numbers`.
     pub(super) fn of(config: &Config, name: &ServiceName, node: u128, numbers: &[u128]) -> Self {
         let global = &config.global;
         let (prefix, nodes) = (global.prefix.to_string(), global.node_dir().to_string());
         let patterns = [MessagingPattern::PublishSubscribe, MessagingPattern::Event];
-        let mut files: Vec<PathBuf> = patterns
-            .map(|pattern| scene::static_file(config, name, pattern))
+        let descriptions = patterns
+            .map(|pattern| Description::read(scene::static_file(config, name, pattern)))
             .into();
         // Whoever looks for dead programs looks at these.
-        for suffix in ["", "_owner_lock", "_context"] {
-            let file = format!("{prefix}{node}{}{suffix}", global.node.monitor_suffix);
-            files.push(Path::new(&nodes).join(file));
-        }
+        let mut files: Vec<PathBuf> = ["", "_owner_lock", "_context"]
+            .map(|suffix| format!("{prefix}{node}{}{suffix}", global.node.monitor_suffix))
+            .map(|file| Path::new(&nodes).join(file))
+            .into();
         let ends: Vec<String> = numbers.iter().map(|number| format!("_{number}.")).collect();
         let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten();
         files.extend(entries.filter_map(Result::ok).filter_map(|entry| {
@@ -37,21 +62,67 @@ impl Presence {
             let ours = name.starts_with(&prefix) && ends.iter().any(|end| name.contains(end));
             (ours && !name.ends_with(".connection")).then(|| entry.path())
         }));
-        Self(
-            files
-                .into_iter()
-                .filter_map(|file| Some((identity(&file)?, file)))
-                .map(|(identity, file)| (file, identity))
-                .collect(),
-        )
+        let others = files.into_iter().map(|file| (identity(&file), file));
+        Self {
+            descriptions,
+            others: others.map(|(identity, file)| (file, identity)).collect(),
+        }
     }
 
-    /// A file that is missing, or is another one now. Takes a few microseconds.
-    pub(super) fn missing(&self) -> Option<&Path> {
-        self.0
-            .iter()
-            .find(|(file, known)| identity(file).as_ref() != Some(known))
-            .map(|(file, _)| file.as_path())
+    /// Looks at all files, and puts back what can be. Takes a few microseconds when nothing is missing.
+    pub(super) fn look(&mut self) -> Found {
+        for (file, known) in &self.others {
+            if known.is_none() || identity(file) != *known {
+                return Found::Missing(file.clone());
+            }
+        }
+        for description in &mut self.descriptions {
+            let found = identity(&description.file);
+            if description.identity.is_some() && found == description.identity {
+                continue;
+            }
+            // One that is there is another program's, which has taken the place meanwhile.
+            return if description.identity.is_some()
+                && found.is_none()
+                && description.put_back().is_ok()
+            {
+                Found::PutBack(description.file.clone())
+            } else {
+                Found::Missing(description.file.clone())
+            };
+        }
+        Found::Whole
+    }
+}
+
+impl Description {
+    fn read(file: PathBuf) -> Self {
+        let (identity, mode) = (
+            identity(&file),
+            fs::metadata(&file).map(|found| found.mode()),
+        );
+        let text = fs::read(&file);
+        Self {
+            identity: identity.filter(|_| text.is_ok()),
+            mode: mode.unwrap_or_default() & 0o777,
+            text: text.unwrap_or_default(),
+            file,
+        }
+    }
+
+    /// All at once, as the mode of a file that is being written says that its service is not ready.
+    fn put_back(&mut self) -> io::Result<()> {
+        let new = self
+            .file
+            .with_extension(format!("new-{}", std::process::id()));
+        let written = fs::write(&new, &self.text)
+            .and_then(|()| fs::set_permissions(&new, Permissions::from_mode(self.mode)))
+            // Not over one that has come meanwhile.
+            .and_then(|()| fs::hard_link(&new, &self.file));
+        let _ = fs::remove_file(&new);
+        written?;
+        self.identity = identity(&self.file);
+        Ok(())
     }
 }
 
@@ -67,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_that_was_removed_or_replaced_is_missing() {
+    fn what_is_missing_is_put_back_or_told() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut config = Config::default();
         let root = folder.path().to_str().expect("text");
@@ -75,17 +146,39 @@ mod tests {
             .global
             .set_root_path(&root.try_into().expect("a path"));
         let name = ServiceName::new("present/scene").expect("a name");
-        let file = scene::static_file(&config, &name, MessagingPattern::Event);
-        fs::create_dir_all(file.parent().expect("a folder")).expect("made");
-        fs::write(&file, b"one").expect("written");
-        let presence = Presence::of(&config, &name, 1, &[]);
-        assert_eq!(presence.0.len(), 1, "what is not there is not missed");
-        assert_eq!(presence.missing(), None);
+        let presence = || Presence::of(&config, &name, 1, &[]);
+        let described = presence().descriptions.into_iter().map(|d| d.file);
+        let files: Vec<PathBuf> = described
+            .chain(presence().others.into_iter().map(|(file, _)| file))
+            .collect();
+        for file in &files {
+            assert!(
+                matches!(presence().look(), Found::Missing(_)),
+                "not all are there"
+            );
+            fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+            fs::write(file, b"one").expect("written");
+            fs::set_permissions(file, Permissions::from_mode(0o440)).expect("ours");
+        }
+        let mut presence = presence();
+        assert_eq!(presence.look(), Found::Whole);
+
+        fs::remove_file(&files[1]).expect("removed");
+        assert_eq!(presence.look(), Found::PutBack(files[1].clone()));
+        let found = fs::metadata(&files[1]).expect("it is there");
+        assert_eq!((found.mode() & 0o777, found.len()), (0o440, 3));
+        assert_eq!(presence.look(), Found::Whole);
+        let services = files[1].parent().expect("a folder");
+        assert_eq!(fs::read_dir(services).expect("listed").count(), 2);
+
+        // Another program's is left alone.
         let other = folder.path().join("other");
         fs::write(&other, b"two").expect("written");
-        fs::rename(&other, &file).expect("replaced");
-        assert_eq!(presence.missing(), Some(file.as_path()));
-        fs::remove_file(&file).expect("removed");
-        assert_eq!(presence.missing(), Some(file.as_path()));
+        fs::rename(&other, &files[0]).expect("replaced");
+        assert_eq!(presence.look(), Found::Missing(files[0].clone()));
+        assert_eq!(fs::read(&files[0]).expect("read"), b"two");
+
+        fs::remove_file(&files[3]).expect("removed");
+        assert_eq!(presence.look(), Found::Missing(files[3].clone()));
     }
 }
