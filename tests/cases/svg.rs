@@ -1,25 +1,9 @@
 //! Marker drawings: one folder each, with a README whose line says what is right.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
-/// The folders whose names begin like this, in the folder that CASES names.
-pub(crate) fn cases(kind: &str) -> Vec<PathBuf> {
-    let Some(folder) = std::env::var_os("CASES") else {
-        return Vec::new();
-    };
-    let entries = fs::read_dir(folder).expect("CASES names a folder");
-    let mut cases: Vec<PathBuf> = entries
-        .map(|entry| entry.expect("the folder can be read").path())
-        .filter(|path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            name.starts_with(kind)
-        })
-        .collect();
-    cases.sort();
-    cases
-}
+use crate::{Case, cases};
 
 /// Exit status and standard output with standard error.
 pub(crate) fn overcam(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
@@ -58,18 +42,19 @@ fn right(readme: &str) -> Right {
 }
 
 #[test]
+#[ignore = "needs cases: CASES=DIR cargo test --test cases -- --ignored"]
 fn drawings_are_read_as_they_are_drawn() {
     let mut wrong = Vec::new();
-    for case in cases("svg-") {
-        let readme = fs::read_to_string(case.join("README")).expect("a README");
-        let (status, said) = overcam(&case, &["markers", "check", "."]);
-        let is_right = match (right(&readme), status) {
+    for case in cases(&["svg-"]) {
+        let (status, said) = overcam(&case.folder, &["markers", "check", "."]);
+        let is_right = match (right(&case.readme), status) {
             (Right::Accepted | Right::Either, Some(0)) => true,
             (Right::Refused | Right::Either, Some(1)) => said.contains(';'),
             _ => false,
         };
         if !is_right {
-            wrong.push(format!("{}: {readme}{status:?} {said}", case.display()));
+            let Case { name, readme, .. } = case;
+            wrong.push(format!("{name}: {readme}{status:?} {said}"));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
