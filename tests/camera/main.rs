@@ -103,11 +103,32 @@ fn write_feed(name: &str, encode: Encode) {
     fs::write(file(name), bytes).expect("written");
 }
 
+/// The feed of JPEG pictures in which every tenth runs out of data, somewhere, and has an end marker all the same.
+fn write_damaged_feed(name: &str) {
+    const END_MARKER: [u8; 2] = [0xff, 0xd9];
+    let pictures = round().enumerate().map(|(i, sequence)| {
+        let mut picture = jpeg(&drawn(sequence).bytes);
+        if i % 10 == 5 {
+            // After the headers, of which there are some hundred bytes.
+            let cut = 1000 + (i * 7919) % (picture.len() - 2000);
+            picture.truncate(cut);
+            // Half of a marker would make the end marker another one.
+            while picture.last() == Some(&0xff) {
+                picture.pop();
+            }
+            picture.extend(END_MARKER);
+        }
+        picture
+    });
+    fs::write(file(name), pictures.flatten().collect::<Vec<u8>>()).expect("written");
+}
+
 #[test]
 #[ignore = "part of tests/camera/run"]
 fn write_feeds() {
     write_feed("yuyv.raw", yuyv);
     write_feed("mjpg.mjpg", jpeg);
+    write_damaged_feed("damaged.mjpg");
     let floor = Floor::new(NATURAL_SIZE, SEED).background().to_png();
     fs::write(file("floor.png"), floor).expect("written");
 }
@@ -148,6 +169,8 @@ struct Tally {
     markers_found: usize,
     obstacles: usize,
     obstacles_found: usize,
+    /// Objects where nothing is.
+    n_false: usize,
     centre_px2: f64,
     heading_rad2: f64,
 }
@@ -174,6 +197,13 @@ impl Tally {
             self.centre_px2 += centre_px.powi(2);
             self.heading_rad2 += heading_rad.powi(2);
         }
+        let is_real = |object: &Value| {
+            truth.iter().any(|real| {
+                let away = (number(object, "x") - real.x).hypot(number(object, "y") - real.y);
+                away < real.radius_px
+            })
+        };
+        self.n_false += observed.iter().filter(|object| !is_real(object)).count();
         for real in truth {
             if real.marker.is_some() {
                 self.markers += 1;
@@ -198,6 +228,7 @@ impl Tally {
         assert!(self.scenes >= SCENES_MIN, "{self:?}");
         assert!(n >= FOUND_MIN * self.markers as f64, "{self:?}");
         assert_eq!(self.obstacles_found, self.obstacles, "{self:?}");
+        assert_eq!(self.n_false, 0, "{self:?}");
     }
 }
 
@@ -257,6 +288,12 @@ fn yuyv_shows_everything() {
 #[ignore = "part of tests/camera/run"]
 fn mjpg_shows_everything() {
     compare("mjpg", jpeg, Visible::Everything);
+}
+
+#[test]
+#[ignore = "part of tests/camera/run"]
+fn damaged_shows_everything_and_nothing_else() {
+    compare("damaged", jpeg, Visible::Everything);
 }
 
 #[test]
