@@ -12,13 +12,13 @@
 use std::error::Error;
 
 use image::{Rgb, RgbImage, imageops};
-use overcam::frame::{Picture, decode};
+use overcam::camera::Wish;
+use overcam::image::frame::{Picture, decode};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::{Next, Slot};
 use overcam::settings::Settings;
-use overcam::slot::{Next, Slot};
 use overcam::source::Source;
-use overcam::source::camera::Wish;
 use scene::{KIND_MARKER, Object, Scene};
 
 /// Pixels of the drawing for one of the frame.

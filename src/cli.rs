@@ -10,13 +10,13 @@ use clap::{Args, Parser, Subcommand, ValueHint};
 use clap_complete::Shell;
 use imgproc::Size;
 
-use crate::frame::PixelFormat;
-use crate::publish::service_name;
-use crate::recording::image_message::ImageMode;
-use crate::recording::series::Limits;
+use crate::camera::Wish;
+use crate::camera::controls::ControlWish;
+use crate::image::frame::PixelFormat;
+use crate::output::foxglove::image_message::ImageMode;
+use crate::output::mcap::series::Limits;
+use crate::output::shared_memory::service_name;
 use crate::settings::{self, Settings};
-use crate::source::camera::Wish;
-use crate::source::controls::ControlWish;
 
 /// One camera on the ceiling becomes a positioning service for everything on the floor.
 ///

@@ -6,12 +6,12 @@ use imgproc::contour::{
 };
 use imgproc::{Bounds, Point, Size};
 
-use crate::frame::Picture;
+use crate::geometry::outline::{Outline, simplified};
+use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_plates};
 use crate::marker::optics::Optics;
 use crate::marker::{Family, Recognised, RecognitionSettings};
-use crate::outline::{Outline, simplified};
 
 /// Most detections of one frame.
 pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;

@@ -35,27 +35,18 @@
 //! random numbers: the same frames give the same scenes, live and replayed. A frame meets three threads and no lock; a fourth
 //! writes the lines of `--json`, and nobody waits for it at a camera. There is no asynchronous runtime.
 
-pub mod calibration;
+pub mod background;
+pub mod camera;
 pub mod cli;
 pub mod command;
 mod detection;
-pub mod floor;
-pub mod frame;
-pub mod jpeg;
-pub mod json;
-mod lines;
+pub mod geometry;
+pub mod image;
 pub mod marker;
-mod notify;
-mod outline;
+pub mod marker_design;
+pub mod output;
 pub mod pipeline;
-pub mod publish;
-mod raster;
-pub mod recording;
 pub mod run;
 mod segmentation;
 pub mod settings;
-mod setup;
-pub mod slot;
 pub mod source;
-pub mod status;
-pub mod watch;

@@ -6,8 +6,8 @@ use clap::Parser;
 use overcam::cli::{Cli, WrongArguments};
 use overcam::command::execute;
 use overcam::run::Completion;
+use overcam::run::status::{is_broken_pipe, one_line, tell};
 use overcam::source::SourceError;
-use overcam::status::{is_broken_pipe, one_line, tell};
 
 /// The arguments contradict each other; those that cannot be read end the program with the same.
 const WRONG_ARGUMENTS: u8 = 2;

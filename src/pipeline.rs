@@ -7,16 +7,16 @@ use imgproc::Size;
 use predict::{Heading, MAX_TRACKS, Observation, Track, Tracker};
 use scene::{ForecastPoint, Object};
 
-use crate::calibration::{Calibration, FloorPoint};
+use crate::background::learner::Learner;
+use crate::background::model::Floor;
+use crate::background::region::Region;
 use crate::detection::{Detection, Detector, MAX_DETECTIONS};
-use crate::floor::Floor;
-use crate::floor::learner::Learner;
-use crate::floor::region::Region;
-use crate::frame::{DecodeError, Picture, decode};
+use crate::geometry::calibration::{Calibration, FloorPoint};
+use crate::image::frame::{DecodeError, Picture, decode};
 use crate::marker::Family;
+use crate::run::slot::Slot;
 use crate::segmentation::{Light, Segmented, Segmenter};
 use crate::settings::Settings;
-use crate::slot::Slot;
 
 /// Frames per second where a source does not say.
 const RATE_HZ: f64 = 30.0;

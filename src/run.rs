@@ -22,13 +22,16 @@
 //!
 //! A shortage is counted where it happens, and the [books](Books) are checked at the end.
 
-pub mod background;
-mod capture;
+pub(crate) mod capture;
 mod heartbeat;
+pub(crate) mod notify;
 mod outage;
 mod pace;
 mod process;
 mod record;
+pub(crate) mod setup;
+pub mod slot;
+pub mod status;
 
 use std::io::Write;
 use std::sync::Arc;
@@ -40,28 +43,28 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 
 use crate::cli::RunArgs;
-use crate::lines::Lines;
-use crate::notify::Notify;
-use crate::publish::Publisher;
-use crate::recording::series::Series;
+use crate::output::lines::Lines;
+use crate::output::mcap::series::Series;
+use crate::output::shared_memory::Publisher;
 use crate::run::capture::{Counters, Orders, capture, open_source};
 use crate::run::heartbeat::Heartbeat;
+use crate::run::notify::Notify;
 use crate::run::pace::Pace;
 use crate::run::process::{Damage, ProcessStage, Sink};
 use crate::run::record::{FloorWish, Recording, record};
-use crate::setup::Setup;
-use crate::slot::Slot;
+use crate::run::setup::Setup;
+use crate::run::slot::Slot;
+use crate::run::status::{Status, counted, tell};
 use crate::source::Source;
-use crate::status::{Status, counted, tell};
 
 /// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
-const SLOTS: usize = 16;
+pub(crate) const SLOTS: usize = 16;
 
 /// Frames that may wait for the recorder.
 const RECORD_QUEUE: usize = 8;
 
 /// Longest wait before the stop flag and late subscribers are looked after.
-const POLL: Duration = Duration::from_millis(100);
+pub(crate) const POLL: Duration = Duration::from_millis(100);
 
 /// How a run ended, apart from errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,7 +117,7 @@ impl Books {
 }
 
 /// Says what a camera gives instead of what was asked for, and what became of its controls when it was started.
-fn tell_camera(source: &Source) {
+pub(crate) fn tell_camera(source: &Source) {
     for note in source.notes() {
         tell(format_args!("overcam: camera: {note}"));
     }
@@ -257,7 +260,7 @@ pub fn run(
     )
 }
 
-fn spawn<T: Send + 'static>(
+pub(crate) fn spawn<T: Send + 'static>(
     name: &str,
     body: impl FnOnce() -> T + Send + 'static,
 ) -> anyhow::Result<JoinHandle<T>> {
@@ -267,7 +270,7 @@ fn spawn<T: Send + 'static>(
         .with_context(|| format!("the {name} thread cannot start"))
 }
 
-fn joined<T>(thread: JoinHandle<T>, name: &str) -> anyhow::Result<T> {
+pub(crate) fn joined<T>(thread: JoinHandle<T>, name: &str) -> anyhow::Result<T> {
     thread.join().map_err(|_| {
         anyhow::anyhow!("the {name} thread ended by a fault of the program; please report it")
     })

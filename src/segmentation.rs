@@ -4,10 +4,7 @@
 //! looked at one by one: too small, too thin or too faint ones are none, and neither are the places that an object has left. The
 //! floor is kept true meanwhile ([`upkeep`]), the light is measured ([`lighting`]).
 
-mod ghosts;
-mod lighting;
 mod texture;
-mod upkeep;
 
 use imgproc::classes::{BRIGHT, ClassSettings, Difference, FLOOR, STRONG, WindowsMut, classes};
 use imgproc::contour::{
@@ -18,14 +15,14 @@ use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
 use imgproc::noise::frame_noise;
 use imgproc::{Bounds, Point, Size};
 
-use crate::floor::{Floor, denoise};
-use crate::frame::Picture;
+use crate::background::ghosts::{Ghosts, looks_left};
+pub(crate) use crate::background::illumination::Light;
+use crate::background::illumination::{Lighting, SETTLE_FRAMES};
+use crate::background::model::{Floor, denoise};
+use crate::background::update::Upkeep;
+use crate::image::frame::Picture;
 use crate::marker::cutout::contour_capacity;
-use ghosts::{Ghosts, looks_left};
-pub(crate) use lighting::Light;
-use lighting::{Lighting, SETTLE_FRAMES};
 use texture::{Evidence, TextureJudge};
-use upkeep::Upkeep;
 
 /// Pixels around objects that do not tell how the floor looks: an object blurs, and lights up what is beside it.
 const MARGIN_PX: usize = 3;

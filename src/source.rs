@@ -2,20 +2,17 @@
 //! name.
 //!
 //! [`camera`] captures from a V4L2 device ([`devices`] lists them, `negotiation` chooses among what a camera offers, [`controls`]
-//! locks its exposure and the like, `v4l2` is the kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`pictures`] read files,
-//! [`replay`](crate::recording::replay) reads recordings, and [`demo`] is the synthetic floor that `render` draws.
+//! locks its exposure and the like, `v4l2` is the kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`folder`] read files,
+//! [`replay`](crate::source::replay) reads recordings, and [`demo`] is the synthetic floor that `render` draws.
 
-pub mod camera;
 mod combing;
-pub mod controls;
 pub(crate) mod damaged;
 pub mod demo;
-pub mod devices;
+pub mod folder;
+pub(crate) mod foreign;
 mod kind;
-mod negotiation;
-pub mod pictures;
 mod render;
-mod v4l2;
+pub mod replay;
 pub mod y4m;
 
 use std::fs::File;
@@ -23,13 +20,13 @@ use std::io::{self, BufReader, Stdin};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use crate::recording::provenance::Provenance;
-use crate::recording::replay::{Recording, ReplayError};
-use crate::slot::{Next, Slot, SourceInfo};
-use crate::source::camera::{Camera, CameraError, Counters, Wish};
+use crate::camera::{Camera, CameraError, Counters, Wish};
+use crate::output::mcap::provenance::Provenance;
+use crate::run::slot::{Next, Slot, SourceInfo};
 use crate::source::demo::Demo;
+use crate::source::folder::{PictureError, Pictures};
 use crate::source::kind::Kind;
-use crate::source::pictures::{PictureError, Pictures};
+use crate::source::replay::{Recording, ReplayError};
 use crate::source::y4m::{Y4m, Y4mError};
 
 /// Frames of any origin.
@@ -148,7 +145,7 @@ impl Source {
             Kind::Device => Ok(Self::Camera(Box::new(Camera::open(path, wish)?))),
             Kind::Folder => {
                 only(&["--rate"], "a folder of pictures")?;
-                let rate_hz = wish.rate_hz.unwrap_or(pictures::DEFAULT_RATE_HZ);
+                let rate_hz = wish.rate_hz.unwrap_or(folder::DEFAULT_RATE_HZ);
                 Ok(Self::Pictures(Pictures::open(path, rate_hz)?))
             }
             Kind::Recording => {

@@ -1,12 +1,12 @@
 //! A robot in the corner, in the bay or in the hole of something else is one robot, and the other thing is an obstacle.
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::{Frame, Picture, PixelFormat};
+use overcam::background::model::Floor;
+use overcam::image::frame::{Frame, Picture, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::Pipeline;
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 use scene::{KIND_MARKER, KIND_OBSTACLE};
 
 const SIZE: Size = Size {

@@ -1,12 +1,12 @@
 //! Two boxes that are pushed together are one shape in the picture and stay two objects.
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::{Picture, PixelFormat};
+use overcam::background::model::Floor;
+use overcam::image::frame::{Picture, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 
 const SIZE: Size = Size {
     width: 320,

@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 use std::{env, fs};
 
 use imgproc::Size;
-use overcam::frame::{Frame, Picture, PixelFormat, decode};
-use overcam::slot::Next;
-use overcam::source::camera::{Camera, CameraError, Counters, Loss, Wish};
-use overcam::source::controls::ControlWish;
-use overcam::source::devices;
+use overcam::camera::controls::ControlWish;
+use overcam::camera::devices;
+use overcam::camera::{Camera, CameraError, Counters, Loss, Wish};
+use overcam::image::frame::{Frame, Picture, PixelFormat, decode};
+use overcam::run::slot::Next;
 
 const VGA: Size = Size {
     width: 640,

@@ -7,20 +7,20 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
-use crate::frame::DecodeError;
-use crate::json;
-use crate::lines::Lines;
-use crate::notify::Notify;
+use crate::image::frame::DecodeError;
+use crate::output::json;
+use crate::output::lines::Lines;
+use crate::output::shared_memory::{Publisher, monotonic_ns};
 use crate::pipeline::Outcome;
-use crate::publish::{Publisher, monotonic_ns};
 use crate::run::capture::Counters;
 use crate::run::heartbeat::Heartbeat;
+use crate::run::notify::Notify;
 use crate::run::pace::{Pace, Totals};
 use crate::run::record::FloorWish;
+use crate::run::setup::Setup;
+use crate::run::slot::Slot;
+use crate::run::status::{Status, counted, is_broken_pipe};
 use crate::run::{Books, POLL};
-use crate::setup::Setup;
-use crate::slot::Slot;
-use crate::status::{Status, counted, is_broken_pipe};
 
 /// What the process thread works with.
 pub(super) struct ProcessStage<'a> {

@@ -3,11 +3,11 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender};
 
-use crate::recording::record::{RecordError, Summary};
-use crate::recording::series::{NextFile, Series};
+use crate::output::mcap::record::{RecordError, Summary};
+use crate::output::mcap::series::{NextFile, Series};
 use crate::run::SLOTS;
-use crate::slot::Slot;
-use crate::status::counted;
+use crate::run::slot::Slot;
+use crate::run::status::counted;
 
 /// Frames' time after which it is said how large the recording grows.
 const MEASURED_NS: u64 = 10_000_000_000;

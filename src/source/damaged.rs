@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::status::tell;
+use crate::run::status::tell;
 
 /// Most pictures that are told one by one. A long recording may have thousands.
 const TOLD_MAX: u64 = 10;

@@ -21,10 +21,10 @@ use std::path::Path;
 
 use imgproc::Size;
 
-use crate::frame::{AREA_MAX, Frame, MAX_SIDE, PixelFormat};
-use crate::slot::{Next, SourceInfo};
+use crate::image::frame::{AREA_MAX, Frame, MAX_SIDE, PixelFormat};
+use crate::run::slot::{Next, SourceInfo};
+use crate::run::status::tell;
 use crate::source::combing::Combing;
-use crate::status::tell;
 
 /// Longest header line that is read, in bytes. ffmpeg's are about 80.
 const MAX_LINE_BYTES: u64 = 1024;

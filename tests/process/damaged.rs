@@ -10,12 +10,12 @@ use foxglove::messages::{CompressedImage, Timestamp};
 use imgproc::Size;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use mcap::records::MessageHeader;
-use overcam::floor::Floor;
-use overcam::frame::{Frame, PixelFormat};
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::provenance::Provenance;
-use overcam::recording::record::Recorder;
-use overcam::slot::{Next, Slot, SourceInfo};
+use overcam::background::model::Floor;
+use overcam::image::frame::{Frame, PixelFormat};
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::provenance::Provenance;
+use overcam::output::mcap::record::Recorder;
+use overcam::run::slot::{Next, Slot, SourceInfo};
 use overcam::source::demo::Demo;
 use serde_json::Value;
 

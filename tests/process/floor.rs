@@ -6,11 +6,11 @@ use std::path::Path;
 use std::process::Stdio;
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::Picture;
-use overcam::recording::replay::Recording;
-use overcam::slot::{Next, Slot};
-use overcam::source::pictures::write_png;
+use overcam::background::model::Floor;
+use overcam::image::frame::Picture;
+use overcam::run::slot::{Next, Slot};
+use overcam::source::folder::write_png;
+use overcam::source::replay::Recording;
 use serde_json::Value;
 
 use crate::fixture::{

@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::{Frame, Picture, PixelFormat};
+use overcam::background::model::Floor;
+use overcam::image::frame::{Frame, Picture, PixelFormat};
 use overcam::marker::MarkerFile;
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::provenance::Provenance;
-use overcam::recording::record::{Recorder, Summary};
-use overcam::recording::replay::{Recording, ReplayError};
-use overcam::slot::{Next, Slot, SourceInfo};
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::provenance::Provenance;
+use overcam::output::mcap::record::{Recorder, Summary};
+use overcam::run::slot::{Next, Slot, SourceInfo};
+use overcam::source::replay::{Recording, ReplayError};
 use scene::{
     FRAME_FLOOR, ForecastPoint, HAS_HEADING, KIND_MARKER, KIND_OBSTACLE, OBSERVED, Object, Scene,
 };

@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use overcam::frame::PixelFormat;
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::record::{RecordError, Summary};
-use overcam::recording::replay::Recording;
-use overcam::recording::series::{Limits, NextFile, Series};
-use overcam::slot::Slot;
+use overcam::image::frame::PixelFormat;
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::record::{RecordError, Summary};
+use overcam::output::mcap::series::{Limits, NextFile, Series};
+use overcam::run::slot::Slot;
+use overcam::source::replay::Recording;
 
 use crate::fixture::{
     PERIOD_NS, Played, SIZE, assert_one_line, eventful_slots, floor, folder, info, play, played,

@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use overcam::json;
-use overcam::publish::{PublishError, Publisher, SUBSCRIBER_BUFFER, monotonic_ns};
-use overcam::watch::{WatchError, watch};
+use overcam::command::watch::{WatchError, watch};
+use overcam::output::json;
+use overcam::output::shared_memory::{PublishError, Publisher, SUBSCRIBER_BUFFER, monotonic_ns};
 use scene::{
     CLOCK_MONOTONIC, ForecastPoint, HAS_HEADING, KIND_MARKER, OBSERVED, SERVICE_SUFFIX, Scene,
 };
