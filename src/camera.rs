@@ -23,6 +23,7 @@ mod identity;
 mod locking;
 mod negotiation;
 mod numbers;
+pub mod request;
 mod rows;
 mod session;
 pub(crate) mod v4l2;
@@ -32,7 +33,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use imgproc::Size;
 
 use crate::camera::controls::{ControlWish, Controls, Written};
 use crate::camera::error::call_error;
@@ -40,9 +40,10 @@ pub use crate::camera::error::{CameraError, Loss};
 use crate::camera::identity::Identity;
 use crate::camera::negotiation::{DEFAULT_RATE_HZ, negotiate, notes};
 use crate::camera::numbers::Numbers;
+pub use crate::camera::request::Wish;
 use crate::camera::session::{Session, Terms};
 use crate::camera::v4l2::{Device, Ready};
-use crate::image::frame::{Frame, PixelFormat};
+use crate::image::frame::Frame;
 use crate::run::slot::{Next, SourceInfo};
 
 pub(crate) use crate::camera::error::open_error;
@@ -52,37 +53,6 @@ pub(crate) use crate::camera::identity::stable_names;
 const WAIT: Duration = Duration::from_millis(100);
 /// A camera that delivers nothing for so long has stalled. The slowest start seen is about two seconds.
 const STALL: Duration = Duration::from_secs(5);
-
-/// What the user wants of a camera. `None` leaves the choice to [`Camera::open`].
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Wish {
-    /// Size of the frames.
-    pub size: Option<Size>,
-    /// Frames per second; the camera gives the nearest that it can.
-    pub rate_hz: Option<f64>,
-    /// Layout of the frames.
-    pub format: Option<PixelFormat>,
-    /// Exposure, gain, white balance and focus.
-    pub controls: ControlWish,
-}
-
-impl Wish {
-    /// Names of the arguments that it was made from.
-    pub(crate) fn flags(&self) -> impl Iterator<Item = &'static str> {
-        let given = [
-            ("--size", self.size.is_some()),
-            ("--rate", self.rate_hz.is_some()),
-            ("--format", self.format.is_some()),
-            ("--camera-auto", self.controls.camera_auto),
-            ("--exposure", self.controls.exposure_us.is_some()),
-            ("--gain", self.controls.gain.is_some()),
-            ("--white-balance", self.controls.white_balance_k.is_some()),
-            ("--focus", self.controls.focus.is_some()),
-        ];
-        let given = given.into_iter().filter(|&(_, is_given)| is_given);
-        given.map(|(flag, _)| flag)
-    }
-}
 
 /// What a camera delivered that did not become a frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

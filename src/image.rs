@@ -1,4 +1,6 @@
-//! Pictures: the bytes of a frame, what they decode to, and how JPEG data are read.
+//! Pictures: the bytes of a frame, what they decode to, and how picture files are read and written.
 
 pub mod frame;
 pub mod jpeg;
+pub mod picture_file;
+pub(crate) mod png;

@@ -23,6 +23,7 @@
 //! A shortage is counted where it happens, and the [books](Books) are checked at the end.
 
 pub(crate) mod capture;
+pub(crate) mod counters;
 mod heartbeat;
 pub(crate) mod notify;
 mod outage;
@@ -46,7 +47,8 @@ use crate::cli::RunArgs;
 use crate::output::lines::Lines;
 use crate::output::mcap::series::Series;
 use crate::output::shared_memory::Publisher;
-use crate::run::capture::{Counters, Orders, capture, open_source};
+use crate::run::capture::{Orders, capture, open_source};
+use crate::run::counters::Counters;
 use crate::run::heartbeat::Heartbeat;
 use crate::run::notify::Notify;
 use crate::run::pace::Pace;

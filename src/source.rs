@@ -24,7 +24,7 @@ use crate::camera::{Camera, CameraError, Counters, Wish};
 use crate::output::mcap::provenance::Provenance;
 use crate::run::slot::{Next, Slot, SourceInfo};
 use crate::source::demo::Demo;
-use crate::source::folder::{PictureError, Pictures};
+use crate::source::folder::{FolderError, Pictures};
 use crate::source::kind::Kind;
 use crate::source::replay::{Recording, ReplayError};
 use crate::source::y4m::{Y4m, Y4mError};
@@ -85,7 +85,7 @@ pub enum SourceError {
     Y4m(#[from] Y4mError),
     /// From a folder of pictures.
     #[error(transparent)]
-    Pictures(#[from] PictureError),
+    Pictures(#[from] FolderError),
     /// From a recording.
     #[error(transparent)]
     Replay(#[from] ReplayError),

@@ -20,8 +20,8 @@ use std::path::Path;
 use imgproc::median::median_3x3;
 
 use crate::image::frame::Picture;
-use crate::source::folder::png::{self, Png, PngError};
-use crate::source::folder::{PictureError, png_picture, read_file, read_png, read_with_alpha};
+use crate::image::picture_file::{PictureError, png_picture, read_file, read_png, read_with_alpha};
+use crate::image::png::{self, Png, PngError};
 
 /// Key and value of the text that marks a floor.
 const MARK: (&str, &str) = ("overcam", "floor; alpha is 255 less the noise");
@@ -166,7 +166,7 @@ mod tests {
     use imgproc::Size;
 
     use super::*;
-    use crate::source::folder::write_png;
+    use crate::image::picture_file::write_png;
 
     const SIZE: Size = Size {
         width: 7,

@@ -10,8 +10,8 @@ use std::path::Path;
 use imgproc::Size;
 
 use crate::image::frame::Picture;
-use crate::source::folder::png::{self, Png, PngError};
-use crate::source::folder::{PictureError, png_picture, read_with_alpha};
+use crate::image::picture_file::{PictureError, png_picture, read_with_alpha};
+use crate::image::png::{self, Png, PngError};
 
 /// Brightness from which on a pixel of the drawing is floor.
 const LIGHT: u16 = 128;
@@ -163,7 +163,7 @@ impl Region {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::folder::write_png;
+    use crate::image::picture_file::write_png;
 
     const SIZE: Size = Size {
         width: 6,

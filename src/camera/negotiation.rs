@@ -9,8 +9,9 @@
 
 use imgproc::Size;
 
+use crate::camera::error::CameraError;
+use crate::camera::request::Wish;
 use crate::camera::v4l2::{Device, FourCc, Fraction, Intervals, Sizes};
-use crate::camera::{CameraError, Wish};
 use crate::image::frame::PixelFormat;
 
 /// The formats read here, in order of preference.

@@ -6,3 +6,11 @@ pub mod record;
 pub(crate) mod records;
 pub mod recover;
 pub mod series;
+
+use std::fs::File;
+use std::io::BufWriter;
+
+use ::mcap::write::NoSeek;
+
+/// A file that is being written.
+pub(crate) type Mcap = ::mcap::Writer<NoSeek<BufWriter<File>>>;

@@ -1,12 +1,13 @@
 //! The capture thread: opens the source and takes frames from it into free slots.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
 use crate::camera::CameraError;
 use crate::cli::SourceArgs;
+use crate::run::counters::Counters;
 use crate::run::outage::Outage;
 use crate::run::slot::{Next, Slot};
 use crate::run::{POLL, joined, spawn};
@@ -27,17 +28,6 @@ pub(crate) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Resul
             Err(RecvTimeoutError::Disconnected) => return joined(opening, "open").map(|()| None),
         }
     }
-}
-
-/// Counters of the capture thread, which may outlive the run: reading from a pipe cannot be interrupted.
-#[derive(Debug, Default)]
-pub(crate) struct Counters {
-    pub(crate) captured: AtomicU64,
-    pub(crate) dropped: AtomicU64,
-    pub(crate) lost_by_driver: AtomicU64,
-    pub(crate) faulty: AtomicU64,
-    /// The camera is lost, and waited for.
-    pub(crate) is_waiting: AtomicBool,
 }
 
 /// How much the capture thread takes from the source, and in which manner.

@@ -5,7 +5,7 @@ use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use crate::camera::Loss;
-use crate::run::capture::Counters;
+use crate::run::counters::Counters;
 use crate::source::{Source, SourceError};
 
 /// From one try to the next. The kernel makes a node within about half a second of the plug.

@@ -12,7 +12,7 @@ use crate::output::json;
 use crate::output::lines::Lines;
 use crate::output::shared_memory::{Publisher, monotonic_ns};
 use crate::pipeline::Outcome;
-use crate::run::capture::Counters;
+use crate::run::counters::Counters;
 use crate::run::heartbeat::Heartbeat;
 use crate::run::notify::Notify;
 use crate::run::pace::{Pace, Totals};

@@ -1,4 +1,4 @@
-//! Picture files: a folder of PNG and JPEG files as a source, single pictures, and PNG for recordings.
+//! A folder of PNG and JPEG files as a source.
 //!
 //! The files of a folder are taken in natural order of their names (`img2` before `img10`). What a file is, its first bytes
 //! say, not its name. JPEG files travel on as they are; of PNG files, grey ones become [`PixelFormat::Grey`] frames and all
@@ -13,8 +13,6 @@
 //! Deliberately absent: the orientation in a JPEG file's Exif data. A ceiling camera's pictures are wanted as the sensor saw
 //! them, and a folder in which it differs from file to file would be no fixed camera.
 
-pub(crate) mod png;
-
 use std::cmp::Ordering;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -22,12 +20,12 @@ use std::{fs, io};
 
 use imgproc::Size;
 
-use crate::image::frame::{DecodeError, Frame, Picture, PixelFormat, decode};
-use crate::image::jpeg::{self, JpegError};
+use crate::image::frame::Frame;
+use crate::image::picture_file::{PictureError, read_frame};
+use crate::image::png::{self, Png};
 use crate::run::slot::{Next, SourceInfo};
 use crate::run::status::tell;
 use crate::source::damaged::Damaged;
-use crate::source::folder::png::{Png, PngError};
 
 /// Frames per second of a folder when the user states none. Pictures carry no clock, and stamps need one.
 pub const DEFAULT_RATE_HZ: f64 = 30.0;
@@ -35,9 +33,9 @@ pub const DEFAULT_RATE_HZ: f64 = 30.0;
 /// Most pictures of a folder that are looked into to tell how many bits of 16 are in use.
 const DEPTH_SAMPLES: usize = 16;
 
-/// Why a picture file or a folder of them cannot be used.
+/// Why a folder of picture files cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum PictureError {
+pub enum FolderError {
     /// The folder cannot be listed.
     #[error("{}: the folder cannot be listed: {source}", path.display())]
     Folder {
@@ -58,28 +56,6 @@ pub enum PictureError {
         /// What was asked for.
         rate_hz: f64,
     },
-    /// The file cannot be read.
-    #[error("{}: cannot be read: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// The file is neither PNG nor JPEG.
-    #[error("{}: neither a PNG nor a JPEG file", path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-    },
-    /// A PNG file that cannot be read.
-    #[error("{}: {source}", path.display())]
-    Png {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: PngError,
-    },
     /// Several files, and not one of them can be read.
     #[error("{}: none of the {count} pictures in this folder can be read; the first: {first}", path.display())]
     NoneReadable {
@@ -89,33 +65,6 @@ pub enum PictureError {
         count: usize,
         /// What is wrong with the first.
         first: Box<PictureError>,
-    },
-    /// A picture of the floor that shows through in part.
-    #[error(
-        "{}: {percent:.1} % of it is fully transparent, so that there is no floor to compare with: save it without transparency; \
-         which part of the picture is looked at, --region says", path.display()
-    )]
-    Transparent {
-        /// The file.
-        path: PathBuf,
-        /// Share of its pixels.
-        percent: f64,
-    },
-    /// A damaged JPEG file.
-    #[error("{}: {source}", path.display())]
-    Jpeg {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: JpegError,
-    },
-    /// A file whose pixels cannot be decoded.
-    #[error("{}: {source}", path.display())]
-    Decode {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: DecodeError,
     },
     /// A picture of another size than the folder's first.
     #[error(
@@ -130,6 +79,9 @@ pub enum PictureError {
         /// Size of this one.
         found: Size,
     },
+    /// The only file cannot be read.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
 }
 
 /// A folder of picture files.
@@ -154,14 +106,14 @@ impl Pictures {
     ///
     /// # Errors
     ///
-    /// [`PictureError`] when there is no picture, none can be read, or the rate is not above 0.
-    pub fn open(folder: &Path, rate_hz: f64) -> Result<Self, PictureError> {
+    /// [`FolderError`] when there is no picture, none can be read, or the rate is not above 0.
+    pub fn open(folder: &Path, rate_hz: f64) -> Result<Self, FolderError> {
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
-            return Err(PictureError::Rate { rate_hz });
+            return Err(FolderError::Rate { rate_hz });
         }
         let files = list(folder)?;
         if files.is_empty() {
-            return Err(PictureError::NoPictures {
+            return Err(FolderError::NoPictures {
                 path: folder.to_owned(),
             });
         }
@@ -176,12 +128,12 @@ impl Pictures {
         };
         if !files.iter().any(is_readable) {
             return Err(match (files.len(), first_error) {
-                (count @ 2.., Some(first)) => PictureError::NoneReadable {
+                (count @ 2.., Some(first)) => FolderError::NoneReadable {
                     path: folder.to_owned(),
                     count,
                     first: Box::new(first),
                 },
-                (_, Some(only)) => only,
+                (_, Some(only)) => only.into(),
                 (_, None) => unreachable!("a folder with files has one that can or cannot be read"),
             });
         }
@@ -231,8 +183,8 @@ impl Pictures {
     ///
     /// # Errors
     ///
-    /// [`PictureError::Size`] when the picture has another size than the first.
-    pub fn next(&mut self, frame: &mut Frame) -> Result<Next, PictureError> {
+    /// [`FolderError::Size`] when the picture has another size than the first.
+    pub fn next(&mut self, frame: &mut Frame) -> Result<Next, FolderError> {
         while let Some(path) = self.files.get(self.next) {
             let number = self.next;
             self.next += 1;
@@ -244,7 +196,7 @@ impl Pictures {
                 }
             };
             if frame.size != self.info.size {
-                return Err(PictureError::Size {
+                return Err(FolderError::Size {
                     path: path.clone(),
                     expected: self.info.size,
                     found: frame.size,
@@ -279,112 +231,10 @@ fn common_depth(files: &[PathBuf]) -> Option<u8> {
     chosen.filter_map(depth).max()
 }
 
-/// Reads and decodes a PNG or JPEG file.
-///
-/// # Errors
-///
-/// [`PictureError`] when the file cannot be read or is damaged.
-pub fn read_picture(path: &Path) -> Result<Picture, PictureError> {
-    read_with_alpha(path, None).map(|(picture, _)| picture)
-}
-
-/// Reads and decodes a PNG or JPEG file, and how opaque each pixel is, where the file says so. If samples have 16 bits, `n_bits` of
-/// them are in use; not given, what the file itself tells.
-pub(crate) fn read_with_alpha(
-    path: &Path,
-    n_bits: Option<u8>,
-) -> Result<(Picture, Option<Vec<u8>>), PictureError> {
-    let file = read_file(path)?;
-    if file.starts_with(png::SIGNATURE) {
-        let png = read_png(&file, path)?;
-        return Ok((png_picture(&png, n_bits), png.alpha()));
-    }
-    let mut frame = Frame::empty();
-    read_frame(path, n_bits, &mut frame)?;
-    let mut picture = Picture::new(frame.size);
-    decode(&frame, &mut picture).map_err(|source| PictureError::Decode {
-        path: path.to_owned(),
-        source,
-    })?;
-    Ok((picture, None))
-}
-
-pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, PictureError> {
-    fs::read(path).map_err(|source| PictureError::Read {
-        path: path.to_owned(),
-        source,
-    })
-}
-
-pub(crate) fn read_png(file: &[u8], path: &Path) -> Result<Png, PictureError> {
-    Png::read(file).map_err(|source| PictureError::Png {
-        path: path.to_owned(),
-        source,
-    })
-}
-
-/// The colours of a PNG file. If samples have 16 bits, `n_bits` of them are in use; not given, what the file itself tells.
-pub(crate) fn png_picture(png: &Png, n_bits: Option<u8>) -> Picture {
-    let colours = png.colours(n_bits.or_else(|| png.n_bits()));
-    let n = if png.has_colour { 3 } else { 1 };
-    let plane = |channel| colours.iter().skip(channel).step_by(n).copied().collect();
-    Picture {
-        size: png.size,
-        red: plane(0),
-        green: plane(n / 2),
-        blue: plane(n - 1),
-    }
-}
-
-/// The picture as a PNG file.
-///
-/// # Panics
-///
-/// If the picture is empty or its planes do not have its size.
-#[must_use]
-pub fn write_png(picture: &Picture) -> Vec<u8> {
-    let channels = picture.red.iter().zip(&picture.green).zip(&picture.blue);
-    let interleaved: Vec<u8> = channels
-        .flat_map(|((&red, &green), &blue)| [red, green, blue])
-        .collect();
-    png::write(picture.size, ::png::ColorType::Rgb, &interleaved, None)
-}
-
-/// Fills format, size and bytes of a frame from a file. True if samples are above what the given number of bits allows.
-fn read_frame(path: &Path, n_bits: Option<u8>, frame: &mut Frame) -> Result<bool, PictureError> {
-    let file = read_file(path)?;
-    frame.full_range = true;
-    frame.bytes.clear();
-    if file.starts_with(&[0xff, 0xd8]) {
-        frame.size = jpeg::size(&file).map_err(|source| PictureError::Jpeg {
-            path: path.to_owned(),
-            source,
-        })?;
-        frame.format = PixelFormat::Jpeg;
-        frame.bytes.extend_from_slice(&file);
-        return Ok(false);
-    }
-    if !file.starts_with(png::SIGNATURE) {
-        return Err(PictureError::Format {
-            path: path.to_owned(),
-        });
-    }
-    let png = read_png(&file, path)?;
-    let n_bits = n_bits.or_else(|| png.n_bits());
-    frame.size = png.size;
-    frame.format = if png.has_colour {
-        PixelFormat::Rgb
-    } else {
-        PixelFormat::Grey
-    };
-    frame.bytes.extend_from_slice(&png.colours(n_bits));
-    Ok(n_bits.is_some_and(|n_bits| png.exceeds(n_bits)))
-}
-
 /// The folder's picture files in natural order of their names. Hidden files are left out: some systems put a `._img1.png` that is
 /// no picture beside each `img1.png`.
-fn list(folder: &Path) -> Result<Vec<PathBuf>, PictureError> {
-    let failed = |source| PictureError::Folder {
+fn list(folder: &Path) -> Result<Vec<PathBuf>, FolderError> {
+    let failed = |source| FolderError::Folder {
         path: folder.to_owned(),
         source,
     };

@@ -8,8 +8,8 @@ use std::process::Stdio;
 use imgproc::Size;
 use overcam::background::model::Floor;
 use overcam::image::frame::Picture;
+use overcam::image::picture_file::write_png;
 use overcam::run::slot::{Next, Slot};
-use overcam::source::folder::write_png;
 use overcam::source::replay::Recording;
 use serde_json::Value;
 

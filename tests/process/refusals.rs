@@ -6,7 +6,7 @@ use std::path::Path;
 use imgproc::Size;
 use jpeg_encoder::{ColorType, Encoder};
 use overcam::image::frame::Picture;
-use overcam::source::folder::write_png;
+use overcam::image::picture_file::write_png;
 
 use crate::fixture::{
     Ended, PLAIN, Pairs, STRAIGHT, folder, printed, run, sequence_of, write_calibration,

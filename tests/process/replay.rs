@@ -6,7 +6,7 @@ use std::process::Command;
 
 use imgproc::Size;
 use overcam::image::frame::Picture;
-use overcam::source::folder::write_png;
+use overcam::image::picture_file::write_png;
 
 use crate::fixture::{
     HEIGHT, STRAIGHT, WIDTH, folder, parse, printed, run, sequence_of, write_calibration,

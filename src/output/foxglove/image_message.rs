@@ -25,9 +25,9 @@ use crate::image::frame::{
     AREA_MAX, DecodeError, Frame, MAX_SIDE, Picture, PixelFormat, decode, size_is_possible,
 };
 use crate::image::jpeg::{self, JpegError};
+use crate::image::picture_file::{png_picture, write_png};
+use crate::image::png::{self, Png, PngError};
 use crate::run::slot::SourceInfo;
-use crate::source::folder::png::{self, Png, PngError};
-use crate::source::folder::{png_picture, write_png};
 
 /// Frame of reference of an image message: pixels of the camera image.
 pub(crate) const IMAGE_FRAME: &str = "image";

@@ -24,7 +24,7 @@ use scene::Scene;
 
 use crate::output::foxglove::annotate;
 use crate::output::foxglove::image_message::{ImageSchema, encode_message};
-use crate::output::mcap::record::Mcap;
+use crate::output::mcap::Mcap;
 
 /// Topic of the frames that were processed.
 pub const IMAGE_TOPIC: &str = "/camera/image";

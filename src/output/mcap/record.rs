@@ -36,6 +36,7 @@ use crate::background::model::Floor;
 use crate::output::foxglove::annotate;
 use crate::output::foxglove::image_message::{ImageEncoder, ImageError, ImageMode, ImageSchema};
 use crate::output::foxglove::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
+use crate::output::mcap::Mcap;
 use crate::output::mcap::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
 use crate::run::slot::{Slot, SourceInfo};
 use crate::run::status::counted;
@@ -53,8 +54,6 @@ const ZSTD_LEVEL: u32 = 1;
 const INDEX_BYTES_MAX: u64 = 128 << 10;
 /// Room for the entry of a chunk in the index at the end.
 const CHUNK_INDEX_BYTES_MAX: u64 = 256;
-
-pub(crate) type Mcap = mcap::Writer<NoSeek<BufWriter<File>>>;
 
 /// Writes a recording into one file; a [`Series`](crate::output::mcap::series::Series) writes several. Dropped without [`Recorder::finish`] it still closes the file as well as it can.
 pub struct Recorder {

@@ -1,4 +1,7 @@
 use super::*;
+use crate::image::frame::{Picture, PixelFormat};
+use crate::image::picture_file::{read_picture, write_png};
+use crate::image::png::PngError;
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, LumaA, Rgb, RgbImage, Rgba};
 
 const SIZE: Size = Size {
@@ -257,7 +260,7 @@ fn a_damaged_picture_is_passed_over_and_keeps_its_number() {
 
     let none = folder(&[files[0], files[2], files[4]]);
     let error = Pictures::open(none.path(), 10.0).expect_err("none can be read");
-    assert!(matches!(error, PictureError::NoneReadable { count: 3, .. }));
+    assert!(matches!(error, FolderError::NoneReadable { count: 3, .. }));
     let line = error.to_string();
     assert!(line.contains("1.png") && !line.contains('\n'), "{line}");
 }
@@ -316,15 +319,18 @@ fn every_truncated_file_is_one_clear_line() {
 fn unusable_folders_say_why() {
     let empty = folder(&[("notes.txt", b"")]);
     let error = Pictures::open(empty.path(), DEFAULT_RATE_HZ).expect_err("empty");
-    assert!(matches!(error, PictureError::NoPictures { .. }));
+    assert!(matches!(error, FolderError::NoPictures { .. }));
     let missing = empty.path().join("missing");
     let error = Pictures::open(&missing, DEFAULT_RATE_HZ).expect_err("missing");
-    assert!(matches!(error, PictureError::Folder { .. }));
+    assert!(matches!(error, FolderError::Folder { .. }));
     for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let error = Pictures::open(empty.path(), rate_hz).expect_err("rate");
-        assert!(matches!(error, PictureError::Rate { .. }));
+        assert!(matches!(error, FolderError::Rate { .. }));
     }
     let text = folder(&[("x.png", b"hello")]);
     let error = Pictures::open(text.path(), DEFAULT_RATE_HZ).expect_err("text");
-    assert!(matches!(error, PictureError::Format { .. }));
+    assert!(matches!(
+        error,
+        FolderError::Picture(PictureError::Format { .. })
+    ));
 }
