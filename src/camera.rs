@@ -33,7 +33,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-
 use crate::camera::controls::{ControlWish, Controls, Written};
 use crate::camera::error::call_error;
 pub use crate::camera::error::{CameraError, Loss};

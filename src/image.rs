@@ -2,5 +2,6 @@
 
 pub mod frame;
 pub mod jpeg;
+pub mod limits;
 pub mod picture_file;
 pub(crate) mod png;

@@ -24,6 +24,7 @@
 
 pub(crate) mod capture;
 pub(crate) mod counters;
+mod frame_counts;
 mod heartbeat;
 pub(crate) mod notify;
 mod outage;
@@ -33,13 +34,13 @@ mod record;
 pub(crate) mod setup;
 pub mod slot;
 pub mod status;
+pub(crate) mod threads;
 
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{channel, sync_channel};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::Context;
 
@@ -49,6 +50,7 @@ use crate::output::mcap::series::Series;
 use crate::output::shared_memory::Publisher;
 use crate::run::capture::{Orders, capture, open_source};
 use crate::run::counters::Counters;
+pub use crate::run::frame_counts::Books;
 use crate::run::heartbeat::Heartbeat;
 use crate::run::notify::Notify;
 use crate::run::pace::Pace;
@@ -57,16 +59,11 @@ use crate::run::record::{FloorWish, Recording, record};
 use crate::run::setup::Setup;
 use crate::run::slot::Slot;
 use crate::run::status::{Status, counted, tell};
+use crate::run::threads::{SLOTS, joined, spawn};
 use crate::source::Source;
-
-/// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
-pub(crate) const SLOTS: usize = 16;
 
 /// Frames that may wait for the recorder.
 const RECORD_QUEUE: usize = 8;
-
-/// Longest wait before the stop flag and late subscribers are looked after.
-pub(crate) const POLL: Duration = Duration::from_millis(100);
 
 /// How a run ended, apart from errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,47 +72,6 @@ pub enum Completion {
     Done,
     /// Done, but frames are missing from the recording.
     FramesLost,
-}
-
-/// What became of the frames of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Books {
-    /// Taken from the source.
-    pub captured: u64,
-    /// Thrown away because no slot was free.
-    pub dropped: u64,
-    /// Went through the pipeline.
-    pub processed: u64,
-    /// Passed over for a newer one, or no readable picture.
-    pub skipped: u64,
-    /// Written to the recording; all of those that came by, when there is none.
-    pub recorded: u64,
-    /// Lost from the recording.
-    pub unrecorded: u64,
-}
-
-impl Books {
-    /// Whether every frame is accounted for exactly once.
-    #[must_use]
-    pub fn balance(&self) -> bool {
-        self.captured == self.dropped + self.processed + self.skipped
-            && self.processed + self.skipped == self.recorded + self.unrecorded
-    }
-
-    /// Enters what capture counted. One that was left behind may still count: the run ends with the frames that came from it.
-    fn with_capture(self, counters: &Counters, capture_ended: bool) -> Self {
-        let dropped = counters.dropped.load(Ordering::Acquire);
-        let captured = if capture_ended {
-            counters.captured.load(Ordering::Acquire)
-        } else {
-            dropped + self.processed + self.skipped
-        };
-        Self {
-            captured,
-            dropped,
-            ..self
-        }
-    }
 }
 
 /// Says what a camera gives instead of what was asked for, and what became of its controls when it was started.
@@ -260,22 +216,6 @@ pub fn run(
         recorded,
         processed.and(captured.map_err(Into::into)),
     )
-}
-
-pub(crate) fn spawn<T: Send + 'static>(
-    name: &str,
-    body: impl FnOnce() -> T + Send + 'static,
-) -> anyhow::Result<JoinHandle<T>> {
-    std::thread::Builder::new()
-        .name(name.to_owned())
-        .spawn(body)
-        .with_context(|| format!("the {name} thread cannot start"))
-}
-
-pub(crate) fn joined<T>(thread: JoinHandle<T>, name: &str) -> anyhow::Result<T> {
-    thread.join().map_err(|_| {
-        anyhow::anyhow!("the {name} thread ended by a fault of the program; please report it")
-    })
 }
 
 /// Checks the books, says what they hold, and decides how the run ended.

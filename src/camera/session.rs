@@ -9,8 +9,9 @@ use crate::camera::error::{CameraError, call_error};
 use crate::camera::negotiation::{Choice, interval, text};
 use crate::camera::rows::rows;
 use crate::camera::v4l2::{Device, FailedCall, Filled, Fraction, Stream};
-use crate::image::frame::{MAX_SIDE, PixelFormat};
+use crate::image::frame::PixelFormat;
 use crate::image::jpeg;
+use crate::image::limits::MAX_SIDE;
 
 /// Buffers asked for. With four, one can be copied and one filled while two wait for a thread that was not scheduled in time.
 const N_BUFFERS: u32 = 4;

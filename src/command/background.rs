@@ -18,7 +18,8 @@ use crate::run::capture::{Orders, capture, joined_unless_blocked, open_source};
 use crate::run::counters::Counters;
 use crate::run::slot::{Slot, SourceInfo};
 use crate::run::status::{Status, counted, tell};
-use crate::run::{POLL, SLOTS, spawn, tell_camera};
+use crate::run::tell_camera;
+use crate::run::threads::{POLL, SLOTS, spawn};
 
 /// Learns the floor and writes it, unless `stop` is set before. One line about it goes to `out`.
 ///

@@ -21,13 +21,7 @@
 use imgproc::Size;
 
 use crate::image::jpeg::{self, JpegError};
-
-/// Longest side of a picture, in pixels. Larger sizes are refused by every source before anything is allocated, and no
-/// product of two sides and a few bytes a pixel overflows.
-pub const MAX_SIDE: usize = 16_384;
-
-/// Most pixels of a picture, 8192x8192. A header of a few bytes may claim any size, and the program takes some 100 bytes a pixel.
-pub const AREA_MAX: usize = 1 << 26;
+use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 
 /// How the bytes of a [`Frame`] are laid out. Rows follow each other without padding; planes follow each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -213,12 +207,6 @@ pub fn decode(frame: &Frame, picture: &mut Picture) -> Result<(), DecodeError> {
         _ => decode_yuv::<false>(frame, picture),
     }
     Ok(())
-}
-
-/// Whether a picture may have this size.
-pub(crate) const fn size_is_possible(size: Size) -> bool {
-    let Size { width, height } = size;
-    width >= 1 && width <= MAX_SIDE && height >= 1 && height <= MAX_SIDE && size.area() <= AREA_MAX
 }
 
 /// Red, green, blue triples into planes.

@@ -22,9 +22,9 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use crate::image::frame::{AREA_MAX, MAX_SIDE, size_is_possible};
 use crate::image::jpeg::huffman::{Tables, define, standard_tables};
 use crate::image::jpeg::scan::{Coding, FrameHeader, ScanError, next_marker};
+use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 
 /// Second byte of the markers that matter here (T.81, table B.1).
 const HUFFMAN_TABLES: u8 = 0xc4;

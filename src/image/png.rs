@@ -9,7 +9,7 @@ use std::io::Cursor;
 use ::png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Limits, Transformations};
 use imgproc::Size;
 
-use crate::image::frame::{AREA_MAX, MAX_SIDE, size_is_possible};
+use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 
 /// First bytes of every PNG file.
 pub(crate) const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";

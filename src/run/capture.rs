@@ -10,7 +10,7 @@ use crate::cli::SourceArgs;
 use crate::run::counters::Counters;
 use crate::run::outage::Outage;
 use crate::run::slot::{Next, Slot};
-use crate::run::{POLL, joined, spawn};
+use crate::run::threads::{POLL, joined, spawn};
 use crate::source::{Source, SourceError};
 
 /// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.

@@ -13,6 +13,7 @@ use crate::output::lines::Lines;
 use crate::output::shared_memory::{Publisher, monotonic_ns};
 use crate::pipeline::Outcome;
 use crate::run::counters::Counters;
+use crate::run::frame_counts::Books;
 use crate::run::heartbeat::Heartbeat;
 use crate::run::notify::Notify;
 use crate::run::pace::{Pace, Totals};
@@ -20,7 +21,7 @@ use crate::run::record::FloorWish;
 use crate::run::setup::Setup;
 use crate::run::slot::Slot;
 use crate::run::status::{Status, counted, is_broken_pipe};
-use crate::run::{Books, POLL};
+use crate::run::threads::POLL;
 
 /// What the process thread works with.
 pub(super) struct ProcessStage<'a> {

@@ -21,7 +21,8 @@ use std::path::Path;
 
 use imgproc::Size;
 
-use crate::image::frame::{AREA_MAX, Frame, MAX_SIDE, PixelFormat};
+use crate::image::frame::{Frame, PixelFormat};
+use crate::image::limits::{AREA_MAX, MAX_SIDE};
 use crate::run::slot::{Next, SourceInfo};
 use crate::run::status::tell;
 use crate::source::combing::Combing;

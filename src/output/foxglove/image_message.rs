@@ -21,10 +21,9 @@ use foxglove::messages::{CompressedImage, RawImage, Timestamp};
 use foxglove::{Decode, Encode};
 use imgproc::Size;
 
-use crate::image::frame::{
-    AREA_MAX, DecodeError, Frame, MAX_SIDE, Picture, PixelFormat, decode, size_is_possible,
-};
+use crate::image::frame::{DecodeError, Frame, Picture, PixelFormat, decode};
 use crate::image::jpeg::{self, JpegError};
+use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 use crate::image::picture_file::{png_picture, write_png};
 use crate::image::png::{self, Png, PngError};
 use crate::run::slot::SourceInfo;

@@ -13,7 +13,8 @@ use std::str::FromStr;
 
 use imgproc::Size;
 
-use crate::image::frame::{AREA_MAX, MAX_SIDE, PixelFormat, size_is_possible};
+use crate::image::frame::PixelFormat;
+use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 use crate::marker::MarkerFile;
 use crate::output::foxglove::image_message::ImageMode;
 use crate::run::slot::SourceInfo;

@@ -18,9 +18,7 @@ use mcap::{Attachment, McapResult};
 
 use crate::output::foxglove::image_message::image_schema;
 use crate::output::mcap::Mcap;
-use crate::output::mcap::record::{
-    CHUNK_BYTES, RecordError, create_file, open_mcap, write_error,
-};
+use crate::output::mcap::record::{CHUNK_BYTES, RecordError, create_file, open_mcap, write_error};
 use crate::output::mcap::records::{
     Chunks, OpenError, RawRecord, Records, RecordsError, open, unpack_chunk,
 };
