@@ -182,7 +182,7 @@ fn recorded(criterion: &mut Criterion) {
             break;
         }
         background = slot.background.take().or(background);
-        if background.is_some() && !slot.passed_over {
+        if background.is_some() && !slot.skipped {
             slots.push(slot);
         }
     }

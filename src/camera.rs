@@ -33,13 +33,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use crate::camera::controls::{ControlWish, Controls, Written};
+use crate::camera::controls::{ControlRequest, Controls, Written};
 use crate::camera::error::call_error;
 pub use crate::camera::error::{CameraError, Loss};
 use crate::camera::identity::Identity;
 use crate::camera::negotiation::{DEFAULT_RATE_HZ, negotiate, notes};
 use crate::camera::numbers::Numbers;
-pub use crate::camera::request::Wish;
+pub use crate::camera::request::CameraRequest;
 use crate::camera::session::{Session, Terms};
 use crate::camera::v4l2::{Device, Ready};
 use crate::image::frame::Frame;
@@ -72,7 +72,7 @@ pub struct Camera {
     terms: Terms,
     info: SourceInfo,
     notes: Vec<String>,
-    control_wish: ControlWish,
+    control_request: ControlRequest,
     /// As they stood when they were locked.
     locked: Controls,
     /// Controls that are to be put back.
@@ -90,19 +90,19 @@ impl Camera {
     /// # Errors
     ///
     /// [`CameraError`] when the node is no camera, cannot be used now or does not offer what is wished.
-    pub fn open(path: &Path, wish: &Wish) -> Result<Self, CameraError> {
+    pub fn open(path: &Path, request: &CameraRequest) -> Result<Self, CameraError> {
         let device = Device::open(path).map_err(|source| open_error(path, source))?;
         let card = check_capture(&device, path)?;
         let name = format!("{} ({})", path.display(), card.name);
         // Asked again when the camera runs; what cannot be had is refused before anything else happens.
-        if let Err(reason) = Controls::read(&device).by_hand(&wish.controls) {
+        if let Err(reason) = Controls::read(&device).by_hand(&request.controls) {
             return Err(CameraError::Control { path: name, reason });
         }
-        let (choice, offers) = negotiate(&device, &name, wish)?;
+        let (choice, offers) = negotiate(&device, &name, request)?;
         let mut terms = Terms {
             choice,
-            is_size_fixed: wish.size.is_some(),
-            rate_hz: wish.rate_hz.unwrap_or(DEFAULT_RATE_HZ),
+            is_size_fixed: request.size.is_some(),
+            rate_hz: request.rate_hz.unwrap_or(DEFAULT_RATE_HZ),
         };
         let session = Session::new(device, &name, path, &terms)?;
         let info = SourceInfo {
@@ -113,7 +113,7 @@ impl Camera {
             live: true,
             controls: None,
         };
-        let notes = notes(&offers, wish, session.size, session.rate_hz);
+        let notes = notes(&offers, request, session.size, session.rate_hz);
         terms.choice.size = session.size;
         terms.is_size_fixed = true;
         Ok(Self {
@@ -122,7 +122,7 @@ impl Camera {
             terms,
             info,
             notes,
-            control_wish: wish.controls,
+            control_request: request.controls,
             locked: Controls::default(),
             written: Written::default(),
             numbers: Numbers::default(),
@@ -338,7 +338,7 @@ mod tests {
     fn nodes_that_are_no_cameras_say_what_to_do() {
         let folder = tempfile::tempdir().expect("a folder");
         let error = |path: &Path| {
-            let error = Camera::open(path, &Wish::default()).expect_err("no camera");
+            let error = Camera::open(path, &CameraRequest::default()).expect_err("no camera");
             error.to_string()
         };
         for (path, part) in [

@@ -10,8 +10,8 @@ use clap::{Args, Parser, Subcommand, ValueHint};
 use clap_complete::Shell;
 use imgproc::Size;
 
-use crate::camera::Wish;
-use crate::camera::controls::ControlWish;
+use crate::camera::CameraRequest;
+use crate::camera::controls::ControlRequest;
 use crate::image::frame::PixelFormat;
 use crate::output::foxglove::image_message::ImageMode;
 use crate::output::mcap::series::Limits;
@@ -189,12 +189,12 @@ pub struct SourceArgs {
 impl SourceArgs {
     /// What a camera is asked for.
     #[must_use]
-    pub fn wish(&self) -> Wish {
-        Wish {
+    pub fn request(&self) -> CameraRequest {
+        CameraRequest {
             size: self.size,
             rate_hz: self.rate,
             format: self.format,
-            controls: ControlWish {
+            controls: ControlRequest {
                 camera_auto: self.camera_auto,
                 exposure_us: self.exposure,
                 gain: self.gain,

@@ -295,7 +295,7 @@ pub fn built_in_files() -> Vec<MarkerFile> {
 mod tests {
     use super::*;
     use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
-    use crate::marker::optics::Optics;
+    use crate::marker::optics::BlurEstimate;
     use crate::marker::reference::{Placement, render};
     use fourier::wrapped;
     use imgproc::Size;
@@ -351,7 +351,7 @@ mod tests {
                 };
                 let mut found = Vec::new();
                 find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-                    let read = family.recognise(&plate, cutout, &Optics::new(), &SETTINGS);
+                    let read = family.recognise(&plate, cutout, &BlurEstimate::new(), &SETTINGS);
                     found.extend(read);
                     read.is_some()
                 });
@@ -427,7 +427,7 @@ mod tests {
                         mask: &vec![1; size.area()],
                     };
                     shown += 1;
-                    let mut optics = Optics::new();
+                    let mut optics = BlurEstimate::new();
                     optics.noise = 6.0;
                     find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
                         let Some(pose) = family.recognise(&plate, cutout, &optics, &SETTINGS)

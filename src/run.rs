@@ -20,7 +20,7 @@
 //! A reader of standard output that stops reading holds up nothing at a camera: lines are left out, counted and said. For all
 //! other sources it is waited for, until a stop.
 //!
-//! A shortage is counted where it happens, and the [books](Books) are checked at the end.
+//! A shortage is counted where it happens, and the [books](FrameCounts) are checked at the end.
 
 pub(crate) mod capture;
 pub(crate) mod counters;
@@ -50,15 +50,15 @@ use crate::output::mcap::series::Series;
 use crate::output::shared_memory::Publisher;
 use crate::run::capture::{Orders, capture, open_source};
 use crate::run::counters::Counters;
-pub use crate::run::frame_counts::Books;
+pub use crate::run::frame_counts::FrameCounts;
 use crate::run::heartbeat::Heartbeat;
 use crate::run::notify::Notify;
 use crate::run::pace::Pace;
 use crate::run::process::{Damage, ProcessStage, Sink};
-use crate::run::record::{FloorWish, Recording, record};
+use crate::run::record::{FloorRequest, Recording, record};
 use crate::run::setup::Setup;
 use crate::run::slot::Slot;
-use crate::run::status::{Status, counted, tell};
+use crate::run::status::{Status, counted, log};
 use crate::run::threads::{SLOTS, joined, spawn};
 use crate::source::Source;
 
@@ -77,11 +77,11 @@ pub enum Completion {
 /// Says what a camera gives instead of what was asked for, and what became of its controls when it was started.
 pub(crate) fn tell_camera(source: &Source) {
     for note in source.notes() {
-        tell(format_args!("overcam: camera: {note}"));
+        log(format_args!("overcam: camera: {note}"));
     }
     let info = source.info();
     if let (true, Some(controls)) = (info.live, &info.controls) {
-        tell(format_args!("overcam: camera: {controls}"));
+        log(format_args!("overcam: camera: {controls}"));
     }
 }
 
@@ -125,7 +125,7 @@ pub fn run(
         .transpose()?;
     setup.announce(args, &info);
     if let Some(remark) = publisher.as_ref().and_then(Publisher::remark) {
-        tell(format_args!("overcam: {remark}"));
+        log(format_args!("overcam: {remark}"));
     }
     tell_camera(&source);
 
@@ -148,17 +148,17 @@ pub fn run(
         Some(recorder) => {
             let (to_record, queue) = sync_channel(RECORD_QUEUE);
             let back = to_capture.clone();
-            let wish = Arc::new(FloorWish::none());
+            let request = Arc::new(FloorRequest::none());
             let thread = spawn("record", {
-                let wish = Arc::clone(&wish);
-                move || record(recorder, &queue, &back, &wish, &say)
+                let request = Arc::clone(&request);
+                move || record(recorder, &queue, &back, &request, &say)
             })?;
             (
                 Sink::Recorder {
                     to_record,
                     to_capture,
                     wait: !info.live,
-                    wish,
+                    request,
                 },
                 Some(thread),
             )
@@ -180,7 +180,7 @@ pub fn run(
             .transpose()
             .context("the thread for standard output cannot start")?,
         n_scenes: 0,
-        books: Books::default(),
+        counts: FrameCounts::default(),
         light: scene::LIGHT_STEADY,
         heartbeat: Heartbeat::new(info.rate_hz, frame),
         pace: Pace::new(info.size, Instant::now()),
@@ -189,10 +189,10 @@ pub fn run(
         damage: Damage::default(),
     };
     let processed = stage.run(&frames, stop);
-    if processed.is_ok() && stage.n_scenes == 0 && stage.books.processed > 0 {
+    if processed.is_ok() && stage.n_scenes == 0 && stage.counts.processed > 0 {
         stage.explain_silence();
     }
-    let (books, capture_ended) = (stage.books, stage.capture_ended);
+    let (counts, capture_ended) = (stage.counts, stage.capture_ended);
     let n_damaged = stage.damage.count;
     // The recorder ends with the last slot that is sent to it.
     drop((frames, stage));
@@ -200,7 +200,7 @@ pub fn run(
         .map(|thread| joined(thread, "record"))
         .transpose()?;
     for message in said.try_iter() {
-        tell(format_args!("overcam: {message}"));
+        log(format_args!("overcam: {message}"));
     }
     let captured = if capture_ended {
         joined(capture, "capture")?
@@ -208,10 +208,10 @@ pub fn run(
         // It is left behind with the pipe that it reads.
         Ok(())
     };
-    let books = books.with_capture(&counters, capture_ended);
+    let counts = counts.with_capture(&counters, capture_ended);
     counters.faulty.fetch_add(n_damaged, Ordering::AcqRel);
     finish(
-        books,
+        counts,
         &counters,
         recorded,
         processed.and(captured.map_err(Into::into)),
@@ -220,7 +220,7 @@ pub fn run(
 
 /// Checks the books, says what they hold, and decides how the run ended.
 fn finish(
-    mut books: Books,
+    mut counts: FrameCounts,
     counters: &Counters,
     recording: Option<Recording>,
     result: anyhow::Result<()>,
@@ -228,27 +228,27 @@ fn finish(
     let mut report = String::new();
     if let Some(recording) = &recording {
         // Frames handed to the recorder that did not get into the file.
-        let lost = books.recorded.saturating_sub(recording.summary.frames);
-        books.recorded -= lost;
-        books.unrecorded += lost;
+        let lost = counts.recorded.saturating_sub(recording.summary.frames);
+        counts.recorded -= lost;
+        counts.unrecorded += lost;
         let megabytes = recording.summary.bytes as f64 / 1e6;
         report = format!(
             "; {} ({megabytes:.1} MB) in {}",
-            counted(books.recorded, "frame"),
+            counted(counts.recorded, "frame"),
             recording.files
         );
-        if books.unrecorded > 0 {
-            report += &format!(", {} lost from it", books.unrecorded);
+        if counts.unrecorded > 0 {
+            report += &format!(", {} lost from it", counts.unrecorded);
         }
     }
-    assert!(books.balance(), "frames are unaccounted for: {books:?}");
-    let Books {
+    assert!(counts.balance(), "frames are unaccounted for: {counts:?}");
+    let FrameCounts {
         captured,
         dropped,
         processed,
         skipped,
         ..
-    } = books;
+    } = counts;
     let (lost, faulty) = (
         counters.lost_by_driver.load(Ordering::Acquire),
         counters.faulty.load(Ordering::Acquire),
@@ -258,13 +258,13 @@ fn finish(
         (0, faulty) => format!(", {faulty} faulty"),
         (lost, faulty) => format!(", {lost} lost by the driver, {faulty} faulty"),
     };
-    tell(format_args!(
+    log(format_args!(
         "overcam: {}: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}",
         counted(captured, "frame")
     ));
     result?;
     let lost_from_recording =
-        books.unrecorded > 0 || recording.is_some_and(|recording| recording.error.is_some());
+        counts.unrecorded > 0 || recording.is_some_and(|recording| recording.error.is_some());
     Ok(if lost_from_recording {
         Completion::FramesLost
     } else {
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn books_balance_only_when_every_frame_is_somewhere() {
-        let books = Books {
+        let counts = FrameCounts {
             captured: 10,
             dropped: 1,
             processed: 7,
@@ -286,18 +286,18 @@ mod tests {
             recorded: 8,
             unrecorded: 1,
         };
-        assert!(books.balance());
+        assert!(counts.balance());
         assert!(
-            !Books {
+            !FrameCounts {
                 captured: 11,
-                ..books
+                ..counts
             }
             .balance()
         );
         assert!(
-            !Books {
+            !FrameCounts {
                 recorded: 7,
-                ..books
+                ..counts
             }
             .balance()
         );
@@ -308,14 +308,14 @@ mod tests {
         let counters = Counters::default();
         // It has just taken a frame that nobody will receive.
         counters.captured.store(8, Ordering::Release);
-        let books = Books {
+        let counts = FrameCounts {
             processed: 5,
             skipped: 2,
             recorded: 7,
-            ..Books::default()
+            ..FrameCounts::default()
         };
-        let left_behind = books.with_capture(&counters, false);
+        let left_behind = counts.with_capture(&counters, false);
         assert!(left_behind.balance() && left_behind.captured == 7);
-        assert!(!books.with_capture(&counters, true).balance());
+        assert!(!counts.with_capture(&counters, true).balance());
     }
 }

@@ -17,9 +17,9 @@ use imgproc::{Bounds, Point, Size};
 
 use crate::background::ghosts::{Ghosts, looks_left};
 pub(crate) use crate::background::illumination::Light;
-use crate::background::illumination::{Lighting, SETTLE_FRAMES};
-use crate::background::model::{Floor, denoise};
-use crate::background::update::Upkeep;
+use crate::background::illumination::{Illumination, SETTLE_FRAMES};
+use crate::background::model::{BackgroundModel, denoise};
+use crate::background::update::BackgroundUpdate;
 use crate::image::frame::Picture;
 use crate::marker::cutout::contour_capacity;
 use texture::{Evidence, TextureJudge};
@@ -58,8 +58,8 @@ const CORE_LEAST: f32 = 0.05;
 pub(crate) struct Segmenter {
     size: Size,
     denoised: Picture,
-    upkeep: Upkeep,
-    lighting: Lighting,
+    upkeep: BackgroundUpdate,
+    lighting: Illumination,
     ghosts: Ghosts,
     textures: TextureJudge,
     planes: Planes,
@@ -110,15 +110,15 @@ impl Segmenter {
     /// # Panics
     ///
     /// When the planes of the picture do not have its size.
-    pub(crate) fn new(floor: &Floor) -> Self {
+    pub(crate) fn new(floor: &BackgroundModel) -> Self {
         let size = floor.picture.size;
         let bytes = || vec![0u8; size.area()];
         let words = || vec![0i16; size.area()];
         Self {
             size,
             denoised: Picture::new(size),
-            upkeep: Upkeep::new(floor),
-            lighting: Lighting::new(),
+            upkeep: BackgroundUpdate::new(floor),
+            lighting: Illumination::new(),
             ghosts: Ghosts::new(),
             textures: TextureJudge::new(size),
             planes: Planes {
@@ -148,9 +148,9 @@ impl Segmenter {
     /// # Panics
     ///
     /// When it has another size.
-    pub(crate) fn set_floor(&mut self, floor: &Floor) {
+    pub(crate) fn set_background(&mut self, floor: &BackgroundModel) {
         self.upkeep.set(floor);
-        self.lighting = Lighting::new();
+        self.lighting = Illumination::new();
         self.ghosts = Ghosts::new();
         self.previous.fill(0);
         self.before.fill(0);
@@ -159,7 +159,7 @@ impl Segmenter {
     }
 
     /// The floor as it was kept true so far.
-    pub(crate) fn floor(&self) -> Floor {
+    pub(crate) fn floor(&self) -> BackgroundModel {
         self.upkeep.floor()
     }
 

@@ -20,7 +20,7 @@ use std::io::{self, BufReader, Stdin};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use crate::camera::{Camera, CameraError, Counters, Wish};
+use crate::camera::{Camera, CameraError, CameraRequest, Counters};
 use crate::output::mcap::provenance::Provenance;
 use crate::run::slot::{Next, Slot, SourceInfo};
 use crate::source::demo::Demo;
@@ -108,9 +108,9 @@ impl Source {
     /// # Errors
     ///
     /// [`SourceError`] when it is not there, gives no frames, or the wish contains what does not apply to it.
-    pub fn open(device: &str, wish: &Wish) -> Result<Self, SourceError> {
+    pub fn open(device: &str, request: &CameraRequest) -> Result<Self, SourceError> {
         let only = |flags: &[&str], kind: &'static str| {
-            let stray = wish.flags().find(|flag| !flags.contains(flag));
+            let stray = request.flags().find(|flag| !flags.contains(flag));
             stray.map_or(Ok(()), |flag| {
                 let device = device.to_owned();
                 Err(SourceError::Argument { device, flag, kind })
@@ -119,7 +119,7 @@ impl Source {
         if device == "demo" {
             only(&["--size"], "the demo")?;
             return Ok(Self::Demo(Box::new(Demo::new(
-                wish.size.unwrap_or(demo::NATURAL_SIZE),
+                request.size.unwrap_or(demo::NATURAL_SIZE),
             ))));
         }
         if device == "-" {
@@ -142,10 +142,10 @@ impl Source {
             }
         };
         match kind {
-            Kind::Device => Ok(Self::Camera(Box::new(Camera::open(path, wish)?))),
+            Kind::Device => Ok(Self::Camera(Box::new(Camera::open(path, request)?))),
             Kind::Folder => {
                 only(&["--rate"], "a folder of pictures")?;
-                let rate_hz = wish.rate_hz.unwrap_or(folder::DEFAULT_RATE_HZ);
+                let rate_hz = request.rate_hz.unwrap_or(folder::DEFAULT_RATE_HZ);
                 Ok(Self::Pictures(Pictures::open(path, rate_hz)?))
             }
             Kind::Recording => {
@@ -253,7 +253,7 @@ impl Source {
     ///
     /// [`SourceError`] when the source broke off; it has no more frames then.
     pub fn next(&mut self, slot: &mut Slot) -> Result<Next, SourceError> {
-        slot.passed_over = false;
+        slot.skipped = false;
         slot.background = None;
         Ok(match self {
             Self::Demo(demo) => demo.next(slot),

@@ -1,7 +1,7 @@
 //! A robot in the corner, in the bay or in the hole of something else is one robot, and the other thing is an obstacle.
 
 use imgproc::Size;
-use overcam::background::model::Floor;
+use overcam::background::model::BackgroundModel;
 use overcam::image::frame::{Frame, Picture, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::Pipeline;
@@ -83,7 +83,7 @@ fn robot_beside(thing: Thing) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
         ..Frame::empty()
     };
     let plane = vec![FLOOR; SIZE.area()];
-    slot.background = Some(Floor::from_picture(&Picture {
+    slot.background = Some(BackgroundModel::from_picture(&Picture {
         size: SIZE,
         red: plane.clone(),
         green: plane.clone(),

@@ -191,7 +191,7 @@ fn learning_anew_allocates_only_where_it_is_asked_for() {
 }
 
 /// Frames full of shapes, then the empty floor until all of them are forgotten: all memory is dirty and no track is left.
-fn make_dirty(pipeline: &mut Pipeline, background: &model::Floor) {
+fn make_dirty(pipeline: &mut Pipeline, background: &model::BackgroundModel) {
     let mut slot = Slot::empty();
     slot.frame.format = PixelFormat::Rgb;
     slot.frame.full_range = true;

@@ -40,7 +40,7 @@ pub(crate) enum Light {
 
 /// The light from frame to frame.
 #[derive(Debug)]
-pub(crate) struct Lighting {
+pub(crate) struct Illumination {
     pub(crate) gains: Gains,
     /// What it is when it does not jump.
     usual: [f32; 3],
@@ -49,7 +49,7 @@ pub(crate) struct Lighting {
     dark: bool,
 }
 
-impl Lighting {
+impl Illumination {
     pub(crate) fn new() -> Self {
         Self {
             gains: Gains::NONE,

@@ -17,7 +17,7 @@ use imgproc::background::median_of_frames;
 use imgproc::median::median_3x3;
 use imgproc::noise::{add_variance, mean_3x3};
 
-use crate::background::model::{Floor, NOISE_STEPS};
+use crate::background::model::{BackgroundModel, NOISE_STEPS};
 use crate::image::frame::Picture;
 
 /// Most frames that are kept; of more, every second, third, ... is kept. More would add memory and no knowledge.
@@ -44,7 +44,7 @@ pub struct Learner {
     /// Red, green and blue, denoised: tile after tile, each with room for `capacity` frames, one after the other.
     channels: [Vec<u8>; 3],
     tiles_done: usize,
-    floor: Floor,
+    floor: BackgroundModel,
     /// Noise before it is smoothed.
     rough_noise: Vec<u8>,
     /// One plane of a frame.
@@ -69,7 +69,7 @@ impl Learner {
             kept: 0,
             channels: [(); 3].map(|()| vec![0; capacity * size.area()]),
             tiles_done: 0,
-            floor: Floor {
+            floor: BackgroundModel {
                 picture: Picture::new(size),
                 noise: plane(),
             },
@@ -116,7 +116,7 @@ impl Learner {
 
     /// The floor, as far as the frames tell that came. `None` when there were none.
     #[must_use]
-    pub fn finish(mut self) -> Option<Floor> {
+    pub fn finish(mut self) -> Option<BackgroundModel> {
         if self.kept == 0 {
             return None;
         }
@@ -247,7 +247,7 @@ mod tests {
         (2..SIZE.height - 2).flat_map(|y| (2..SIZE.width - 2).map(move |x| y * SIZE.width + x))
     }
 
-    fn learn(pictures: &[Picture], frames: u32) -> Floor {
+    fn learn(pictures: &[Picture], frames: u32) -> BackgroundModel {
         let mut learner = Learner::new(SIZE, frames);
         for picture in pictures {
             learner.add(picture);
@@ -309,7 +309,7 @@ mod tests {
     /// Mean of the learned noise and root mean square of its errors, in units of the real one.
     fn noise_against(
         real: f64,
-        floor: &Floor,
+        floor: &BackgroundModel,
         pixels: impl Iterator<Item = usize> + Clone,
     ) -> (f64, f64) {
         let ratio = |i: usize| f64::from(floor.noise[i]) / f64::from(NOISE_STEPS) / real;

@@ -29,12 +29,12 @@ const MARK: (&str, &str) = ("overcam", "floor; alpha is 255 less the noise");
 /// In a floor without a mark, no more than one pixel in so many has an alpha below 128, a noise above 16 grey levels.
 const NOISY_SHARE: usize = 100;
 
-/// Steps of [`Floor::noise`] in a grey level.
+/// Steps of [`BackgroundModel::noise`] in a grey level.
 pub const NOISE_STEPS: f32 = 8.0;
 
 /// The empty floor.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Floor {
+pub struct BackgroundModel {
     /// What frames are compared with, already denoised as they are (3x3 median).
     pub picture: Picture,
     /// Standard deviation of each denoised pixel from frame to frame, root mean square over the colours, in eighths of a grey level.
@@ -42,7 +42,7 @@ pub struct Floor {
     pub noise: Vec<u8>,
 }
 
-impl Floor {
+impl BackgroundModel {
     /// The floor that a picture shows as a camera sees it; its noise is unknown.
     ///
     /// # Panics
@@ -87,7 +87,7 @@ impl Floor {
         Ok(Self::from_picture(&png_picture(&png, n_bits)))
     }
 
-    /// The floor of a recording, as [`Floor::to_png`] wrote it, or a picture of one, if it has no alpha channel.
+    /// The floor of a recording, as [`BackgroundModel::to_png`] wrote it, or a picture of one, if it has no alpha channel.
     ///
     /// # Errors
     ///
@@ -190,18 +190,21 @@ mod tests {
 
     #[test]
     fn a_floor_survives_as_png() {
-        let mut floor = Floor {
+        let mut floor = BackgroundModel {
             picture: picture(),
             noise: (0..SIZE.area()).map(|i| 7 * i as u8).collect(),
         };
         // Neither unknown noise nor the greatest takes the colour away.
         floor.noise[20] = 255;
         let png = floor.to_png();
-        assert_eq!(Floor::from_png(&png).expect("own PNG"), floor);
+        assert_eq!(BackgroundModel::from_png(&png).expect("own PNG"), floor);
         floor.noise.fill(0);
-        assert_eq!(Floor::from_png(&floor.to_png()).expect("own PNG"), floor);
-        assert!(Floor::from_png(&png[..png.len() / 2]).is_err());
-        assert!(Floor::from_png(b"GIF89a").is_err());
+        assert_eq!(
+            BackgroundModel::from_png(&floor.to_png()).expect("own PNG"),
+            floor
+        );
+        assert!(BackgroundModel::from_png(&png[..png.len() / 2]).is_err());
+        assert!(BackgroundModel::from_png(b"GIF89a").is_err());
     }
 
     #[test]
@@ -211,18 +214,18 @@ mod tests {
             plane.fill(100);
         }
         picture.green[17] = 255;
-        let floor = Floor::from_png(&write_png(&picture)).expect("own PNG");
-        assert_eq!(floor, Floor::from_picture(&picture));
+        let floor = BackgroundModel::from_png(&write_png(&picture)).expect("own PNG");
+        assert_eq!(floor, BackgroundModel::from_picture(&picture));
         assert_eq!(floor.picture.green, [100; SIZE.area()]);
         assert_eq!(floor.noise, [0; SIZE.area()]);
         assert_eq!(floor.median_noise(), None);
     }
 
-    fn read(png: &[u8]) -> Result<Floor, PictureError> {
+    fn read(png: &[u8]) -> Result<BackgroundModel, PictureError> {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("floor.png");
         fs::write(&path, png).expect("written");
-        Floor::read(&path, None)
+        BackgroundModel::read(&path, None)
     }
 
     /// A picture with an alpha channel, as any program writes it.
@@ -238,7 +241,7 @@ mod tests {
 
     #[test]
     fn a_file_is_a_floor_by_its_mark() {
-        let mut floor = Floor {
+        let mut floor = BackgroundModel {
             picture: picture(),
             noise: vec![0; SIZE.area()],
         };
@@ -255,14 +258,14 @@ mod tests {
         // Whoever writes texts into files is another program.
         let other = with_alpha(&alpha, Some(("Software", "a paint program")));
         let floor = read(&other).expect("a picture");
-        assert_eq!(floor, Floor::from_picture(&picture()));
+        assert_eq!(floor, BackgroundModel::from_picture(&picture()));
     }
 
     #[test]
     fn transparency_of_others_is_no_noise() {
         for alpha in [[255; SIZE.area()], [100; SIZE.area()]] {
             let floor = read(&with_alpha(&alpha, None)).expect("a picture");
-            assert_eq!(floor, Floor::from_picture(&picture()));
+            assert_eq!(floor, BackgroundModel::from_picture(&picture()));
         }
         let mut alpha = [255; SIZE.area()];
         alpha[..7].fill(0);
@@ -276,7 +279,7 @@ mod tests {
 
     #[test]
     fn the_median_noise_is_that_of_the_pixels_of_known_noise() {
-        let mut floor = Floor::from_picture(&picture());
+        let mut floor = BackgroundModel::from_picture(&picture());
         floor.noise[..5].copy_from_slice(&[8, 200, 4, 12, 250]);
         assert_eq!(floor.median_noise(), Some(1.5));
     }

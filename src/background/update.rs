@@ -2,18 +2,18 @@
 //!
 //! What is known of the floor changes in four ways, none of which can make a parked robot part of it:
 //!
-//! * Where the floor is seen, it follows the frames slowly ([`Upkeep::follow`]). Where something stands, it is scaled as the
+//! * Where the floor is seen, it follows the frames slowly ([`BackgroundUpdate::follow`]). Where something stands, it is scaled as the
 //!   floor beside it is: light that moves over a room goes on under a robot.
 //! * When the light has changed at once, a coarse field of ratios is fitted to all that is not covered
-//!   ([`Upkeep::relight`]). The floor in the light before is remembered, and returns with that light ([`Upkeep::recall`]).
-//! * What turned out to be floor is taken over from the frame ([`Upkeep::take`]): a place that an object has left.
-//! * A new picture replaces everything ([`Upkeep::set`]).
+//!   ([`BackgroundUpdate::relight`]). The floor in the light before is remembered, and returns with that light ([`BackgroundUpdate::recall`]).
+//! * What turned out to be floor is taken over from the frame ([`BackgroundUpdate::take`]): a place that an object has left.
+//! * A new picture replaces everything ([`BackgroundUpdate::set`]).
 
 use imgproc::difference::{Colour, Gains, NoiseSettings, Reference, ReferenceMut, prepare};
 use imgproc::{Bounds, Size};
 
 use crate::background::illumination::fit;
-use crate::background::model::Floor;
+use crate::background::model::BackgroundModel;
 use crate::image::frame::Picture;
 
 /// In this many frames every row is looked after once.
@@ -53,7 +53,7 @@ const NOISE: NoiseSettings = NoiseSettings {
 
 /// The floor and what comparing needs of it.
 #[derive(Debug)]
-pub(crate) struct Upkeep {
+pub(crate) struct BackgroundUpdate {
     size: Size,
     /// Red, green and blue in 256ths of a level.
     channels: [Vec<u16>; 3],
@@ -69,8 +69,8 @@ pub(crate) struct Upkeep {
     next_row: usize,
 }
 
-impl Upkeep {
-    pub(crate) fn new(floor: &Floor) -> Self {
+impl BackgroundUpdate {
+    pub(crate) fn new(floor: &BackgroundModel) -> Self {
         let size = floor.picture.size;
         let fine = || vec![0u16; size.area()];
         let mut upkeep = Self {
@@ -95,7 +95,7 @@ impl Upkeep {
     /// # Panics
     ///
     /// When it has another size.
-    pub(crate) fn set(&mut self, floor: &Floor) {
+    pub(crate) fn set(&mut self, floor: &BackgroundModel) {
         let picture = &floor.picture;
         assert_eq!(picture.size, self.size, "a floor has another size");
         let planes = [&picture.red, &picture.green, &picture.blue];
@@ -111,14 +111,14 @@ impl Upkeep {
     }
 
     /// The floor as it is now, rounded to whole levels.
-    pub(crate) fn floor(&self) -> Floor {
+    pub(crate) fn floor(&self) -> BackgroundModel {
         let [red, green, blue] = [0, 1, 2].map(|i: usize| {
             let levels = self.channels[i].iter();
             levels
                 .map(|&value| ((u32::from(value) + 128) >> 8).min(255) as u8)
                 .collect()
         });
-        Floor {
+        BackgroundModel {
             picture: Picture {
                 size: self.size,
                 red,

@@ -66,7 +66,7 @@ const BRIGHTNESS_STEP_MIN: f64 = 8.0;
 
 /// What the user wants of a camera's controls. The default is to lock all of them at what the camera's automatics find.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct ControlWish {
+pub struct ControlRequest {
     /// Leave the automatics on, except of what is given here.
     pub camera_auto: bool,
     /// Exposure time in microseconds.
@@ -132,7 +132,7 @@ pub enum ControlError {
 struct Setting {
     name: &'static str,
     flag: &'static str,
-    asked: fn(&ControlWish) -> Option<i64>,
+    asked: fn(&ControlRequest) -> Option<i64>,
     automatic: u32,
     /// The automatic's value when it is off.
     off: i32,
@@ -164,7 +164,7 @@ const SETTINGS: [Setting; 4] = [
     Setting {
         name: "exposure",
         flag: "--exposure",
-        asked: |wish| wish.exposure_us.map(i64::from),
+        asked: |request| request.exposure_us.map(i64::from),
         automatic: EXPOSURE_AUTO,
         off: EXPOSURE_MANUAL,
         values: &[
@@ -177,7 +177,7 @@ const SETTINGS: [Setting; 4] = [
     Setting {
         name: "gain",
         flag: "--gain",
-        asked: |wish| wish.gain.map(i64::from),
+        asked: |request| request.gain.map(i64::from),
         automatic: AUTOGAIN,
         off: OFF,
         values: &[value(GAIN, "gain", 1, "")],
@@ -186,7 +186,7 @@ const SETTINGS: [Setting; 4] = [
     Setting {
         name: "white balance",
         flag: "--white-balance",
-        asked: |wish| wish.white_balance_k.map(i64::from),
+        asked: |request| request.white_balance_k.map(i64::from),
         automatic: AUTO_WHITE_BALANCE,
         off: OFF,
         values: &[
@@ -199,7 +199,7 @@ const SETTINGS: [Setting; 4] = [
     Setting {
         name: "focus",
         flag: "--focus",
-        asked: |wish| wish.focus.map(i64::from),
+        asked: |request| request.focus.map(i64::from),
         automatic: FOCUS_AUTO,
         off: OFF,
         values: &[value(FOCUS_ABSOLUTE, "focus", 1, "")],
@@ -273,11 +273,11 @@ impl Controls {
     }
 
     /// The changes that give the user what was given by hand.
-    pub(crate) fn by_hand(&self, wish: &ControlWish) -> Result<Vec<Change>, ControlError> {
+    pub(crate) fn by_hand(&self, request: &ControlRequest) -> Result<Vec<Change>, ControlError> {
         let mut changes = Vec::new();
         for setting in &SETTINGS {
             let (flag, value) = (setting.flag, &setting.values[0]);
-            let Some(asked) = (setting.asked)(wish) else {
+            let Some(asked) = (setting.asked)(request) else {
                 continue;
             };
             let range = match self.get(value.id) {
@@ -314,9 +314,9 @@ impl Controls {
     }
 
     /// Whether the camera has what was given by hand.
-    pub(crate) fn check_by_hand(&self, wish: &ControlWish) -> Result<(), ControlError> {
+    pub(crate) fn check_by_hand(&self, request: &ControlRequest) -> Result<(), ControlError> {
         for setting in &SETTINGS {
-            let Some(asked) = (setting.asked)(wish) else {
+            let Some(asked) = (setting.asked)(request) else {
                 continue;
             };
             let value = &setting.values[0];
@@ -337,9 +337,9 @@ impl Controls {
     }
 
     /// The automatics that are to be switched off once they have found their values.
-    pub(crate) fn to_switch_off(&self, wish: &ControlWish) -> Vec<Change> {
+    pub(crate) fn to_switch_off(&self, request: &ControlRequest) -> Vec<Change> {
         let to_lock = |setting: &&Setting| {
-            !wish.camera_auto && (setting.asked)(wish).is_none() && self.is_automatic(setting)
+            !request.camera_auto && (setting.asked)(request).is_none() && self.is_automatic(setting)
         };
         let settings = SETTINGS.iter().filter(to_lock);
         settings.map(Setting::switch_off).collect()
@@ -358,9 +358,9 @@ impl Controls {
     }
 
     /// The values that were others `before` the automatics were switched off.
-    pub(crate) fn to_put_back(&self, before: &Self, wish: &ControlWish) -> Vec<Change> {
+    pub(crate) fn to_put_back(&self, before: &Self, request: &ControlRequest) -> Vec<Change> {
         let is_locked =
-            |setting: &&Setting| (setting.asked)(wish).is_none() && !self.is_automatic(setting);
+            |setting: &&Setting| (setting.asked)(request).is_none() && !self.is_automatic(setting);
         let values = SETTINGS.iter().filter(is_locked).flat_map(|s| s.values);
         values
             .filter_map(|&Value { id, .. }| {
@@ -395,7 +395,7 @@ impl Controls {
     }
 
     /// What a person should know, in one line: which settings are locked at which values, and which are not and why.
-    pub(crate) fn report(&self, wish: &ControlWish, attempt: &Attempt) -> String {
+    pub(crate) fn report(&self, request: &ControlRequest, attempt: &Attempt) -> String {
         let [mut locked, mut given, mut fixed, mut automatic, mut missing] = [const { vec![] }; 5];
         for setting in &SETTINGS {
             let switched = attempt
@@ -415,7 +415,7 @@ impl Controls {
                     (_, Some(_)) => format!("{} (it does not switch off)", setting.name),
                     (_, None) => setting.name.to_owned(),
                 });
-            } else if (setting.asked)(wish).is_some() {
+            } else if (setting.asked)(request).is_some() {
                 given.push(self.values_text(setting));
             } else if switched.is_some() {
                 locked.push(self.values_text(setting));
@@ -507,12 +507,12 @@ impl Setting {
 }
 
 /// What the user gave by hand that led to a change.
-pub(crate) fn refused(change: Change, wish: &ControlWish, source: io::Error) -> ControlError {
+pub(crate) fn refused(change: Change, request: &ControlRequest, source: io::Error) -> ControlError {
     let setting = SETTINGS
         .iter()
         .find(|setting| setting.automatic == change.id || setting.values[0].id == change.id);
     let (flag, asked) = setting.map_or(("the control", None), |setting| {
-        (setting.flag, (setting.asked)(wish))
+        (setting.flag, (setting.asked)(request))
     });
     ControlError::Refused {
         flag,

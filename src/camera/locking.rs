@@ -21,21 +21,23 @@ const TAKING_EFFECT: (Duration, u32) = (Duration::from_millis(300), 6);
 impl Camera {
     /// Gives a camera that has just started what was given by hand and locks the rest. Returns early when `stop` is set.
     pub(super) fn lock(&mut self, stop: &AtomicBool) -> Result<(), CameraError> {
-        let wish = self.control_wish;
+        let request = self.control_request;
         let mut notes = self.take_over_state();
         let mut controls = self.read_controls();
-        let by_hand = controls.by_hand(&wish).map_err(|r| self.control(r))?;
+        let by_hand = controls.by_hand(&request).map_err(|r| self.control(r))?;
         for &change in &by_hand {
             if let Err(error) = self.write_control(change) {
-                return Err(self.control(refused(change, &wish, error)));
+                return Err(self.control(refused(change, &request, error)));
             }
         }
         if !by_hand.is_empty() {
             controls = self.read_controls();
-            controls.check_by_hand(&wish).map_err(|r| self.control(r))?;
+            controls
+                .check_by_hand(&request)
+                .map_err(|r| self.control(r))?;
         }
         let mut attempt = Attempt::default();
-        let switch_off = controls.to_switch_off(&wish);
+        let switch_off = controls.to_switch_off(&request);
         if !switch_off.is_empty() {
             if let Some(change) = controls.to_keep_rate(&switch_off) {
                 // A camera that refuses this only gets a longer exposure.
@@ -50,7 +52,7 @@ impl Camera {
                 let result = self.write_control(change);
                 attempt.switched.push((change, result));
             }
-            for change in self.read_controls().to_put_back(&found, &wish) {
+            for change in self.read_controls().to_put_back(&found, &request) {
                 // What the camera has now is read and told in any case.
                 _ = self.write_control(change);
             }
@@ -67,7 +69,7 @@ impl Camera {
             self.forget_frames();
             controls = self.read_controls();
         }
-        notes.insert(0, controls.report(&wish, &attempt));
+        notes.insert(0, controls.report(&request, &attempt));
         self.info.controls = Some(notes.join("; "));
         self.locked = controls;
         Ok(())

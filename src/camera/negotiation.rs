@@ -10,7 +10,7 @@
 use imgproc::Size;
 
 use crate::camera::error::CameraError;
-use crate::camera::request::Wish;
+use crate::camera::request::CameraRequest;
 use crate::camera::v4l2::{Device, FourCc, Fraction, Intervals, Sizes};
 use crate::image::frame::PixelFormat;
 
@@ -93,7 +93,7 @@ impl Mode {
 pub(crate) fn negotiate(
     device: &Device,
     name: &str,
-    wish: &Wish,
+    request: &CameraRequest,
 ) -> Result<(Choice, Vec<Mode>), CameraError> {
     let offers: Vec<Offer> = device
         .formats()
@@ -111,12 +111,12 @@ pub(crate) fn negotiate(
         });
         shortest.map(|interval| interval.rate_hz()).reduce(f64::max)
     };
-    let Some(choice) = choose(&modes(&offers, wish, fastest_hz), wish) else {
-        return Err(refusal(&offers, name, wish));
+    let Some(choice) = choose(&modes(&offers, request, fastest_hz), request) else {
+        return Err(refusal(&offers, name, request));
     };
-    let any_size = Wish {
+    let any_size = CameraRequest {
         size: None,
-        ..*wish
+        ..*request
     };
     Ok((choice, modes(&offers, &any_size, fastest_hz)))
 }
@@ -124,14 +124,14 @@ pub(crate) fn negotiate(
 /// What a person should know of a camera that gives less than was asked for, or less than it could, a line each.
 pub(crate) fn notes(
     modes: &[Mode],
-    wish: &Wish,
+    request: &CameraRequest,
     given: Size,
     given_hz: Option<f64>,
 ) -> Vec<String> {
     let text = |size: Size| format!("{}x{}", size.width, size.height);
     let rounded = |rate_hz: f64| (rate_hz * 100.0).round() / 100.0;
     let mut notes = Vec::new();
-    if let (Some(asked_hz), Some(given_hz)) = (wish.rate_hz, given_hz)
+    if let (Some(asked_hz), Some(given_hz)) = (request.rate_hz, given_hz)
         && (given_hz - asked_hz).abs() > (1.0 - RATE_SHARE) * asked_hz
     {
         let at_rate = modes.iter().filter(|mode| {
@@ -159,7 +159,7 @@ pub(crate) fn notes(
             .partial_cmp(&key(b))
             .unwrap_or(std::cmp::Ordering::Equal)
     });
-    if let (None, Some(mode)) = (wish.size, fastest)
+    if let (None, Some(mode)) = (request.size, fastest)
         && let Some(rate_hz) = mode.fastest_hz
     {
         let size = text(mode.choice.size);
@@ -172,10 +172,10 @@ pub(crate) fn notes(
 }
 
 /// Says why nothing could be chosen: no such format, or not in the wished size.
-fn refusal(offers: &[Offer], name: &str, wish: &Wish) -> CameraError {
+fn refusal(offers: &[Offer], name: &str, request: &CameraRequest) -> CameraError {
     let fits = |offer: &&Offer| {
         let format = readable(offer.fourcc);
-        format.is_some_and(|format| wish.format.is_none_or(|wished| wished == format))
+        format.is_some_and(|format| request.format.is_none_or(|wished| wished == format))
     };
     let mut sizes: Vec<String> = Vec::new();
     for size in offers.iter().filter(fits).flat_map(|offer| &offer.sizes) {
@@ -184,7 +184,7 @@ fn refusal(offers: &[Offer], name: &str, wish: &Wish) -> CameraError {
             sizes.push(size);
         }
     }
-    if let Some(size) = wish.size
+    if let Some(size) = request.size
         && !sizes.is_empty()
     {
         return CameraError::Size {
@@ -199,11 +199,11 @@ fn refusal(offers: &[Offer], name: &str, wish: &Wish) -> CameraError {
     };
     let wished = READABLE
         .iter()
-        .filter(|(_, format)| wish.format.is_none_or(|wished| wished == *format))
+        .filter(|(_, format)| request.format.is_none_or(|wished| wished == *format))
         .map(|&(fourcc, _)| fourcc);
     CameraError::Format {
         path: name.to_owned(),
-        wished: match wish.format {
+        wished: match request.format {
             Some(_) => names(&mut { wished }),
             None => format!("any of {}", names(&mut { wished })),
         },
@@ -218,7 +218,7 @@ fn refusal(offers: &[Offer], name: &str, wish: &Wish) -> CameraError {
 /// size, if the camera says.
 fn modes(
     offers: &[Offer],
-    wish: &Wish,
+    request: &CameraRequest,
     fastest_hz: impl Fn(FourCc, Size) -> Option<f64>,
 ) -> Vec<Mode> {
     let mut modes: Vec<Mode> = Vec::new();
@@ -226,18 +226,18 @@ fn modes(
         let Some(offer) = offers.iter().find(|offer| offer.fourcc == fourcc) else {
             continue;
         };
-        if wish.format.is_some_and(|wished| wished != format) {
+        if request.format.is_some_and(|wished| wished != format) {
             continue;
         }
         let mut sizes: Vec<Size> = offer
             .sizes
             .iter()
-            .flat_map(|s| sizes(s, wish.size))
+            .flat_map(|s| sizes(s, request.size))
             .collect();
         if offer.sizes.is_empty() {
-            sizes.push(wish.size.unwrap_or(DEFAULT_SIZE_MAX));
+            sizes.push(request.size.unwrap_or(DEFAULT_SIZE_MAX));
         }
-        sizes.retain(|&size| wish.size.is_none_or(|wished| wished == size));
+        sizes.retain(|&size| request.size.is_none_or(|wished| wished == size));
         modes.extend(sizes.into_iter().map(|size| Mode {
             choice: Choice {
                 fourcc,
@@ -257,7 +257,7 @@ fn modes(
 }
 
 /// The rule at the top of this file.
-fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
+fn choose(modes: &[Mode], request: &CameraRequest) -> Option<Choice> {
     let fastest = |modes: &mut dyn Iterator<Item = &Mode>| {
         // The first of those that are equally fast.
         modes.copied().reduce(|best, mode| {
@@ -265,8 +265,8 @@ fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
             if hz(mode) > hz(best) { mode } else { best }
         })
     };
-    let size = wish.size.or_else(|| {
-        let least_hz = wish.rate_hz.map_or(DEFAULT_SIZE_RATE_HZ, |rate_hz| {
+    let size = request.size.or_else(|| {
+        let least_hz = request.rate_hz.map_or(DEFAULT_SIZE_RATE_HZ, |rate_hz| {
             rate_hz.min(DEFAULT_SIZE_RATE_HZ)
         });
         let mut usual = modes.iter().filter(|mode| is_default(mode.choice.size));
@@ -279,7 +279,7 @@ fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
         let chosen = chosen.or_else(|| modes.iter().min_by_key(|m| m.choice.size.area()).copied());
         chosen.map(|mode| mode.choice.size)
     })?;
-    let rate_hz = wish.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+    let rate_hz = request.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
     let of_size = || modes.iter().filter(|mode| mode.choice.size == size);
     let first = of_size().find(|mode| mode.reaches(rate_hz)).copied();
     let mode = first.or_else(|| fastest(&mut of_size()))?;
@@ -373,16 +373,16 @@ mod tests {
         }
     }
 
-    fn chosen(offers: &[Offer], wish: &Wish) -> Option<(FourCc, (usize, usize))> {
-        choose(&modes(offers, wish, webcam_hz), wish)
+    fn chosen(offers: &[Offer], request: &CameraRequest) -> Option<(FourCc, (usize, usize))> {
+        choose(&modes(offers, request, webcam_hz), request)
             .map(|choice| (choice.fourcc, (choice.size.width, choice.size.height)))
     }
 
     #[test]
     fn the_largest_size_that_is_fast_enough_is_taken_and_raw_if_that_is_fast_enough_too() {
-        let nothing = Wish::default();
+        let nothing = CameraRequest::default();
         assert_eq!(chosen(&webcam(), &nothing), Some((*b"MJPG", (1280, 720))));
-        let of_size = |width, height| Wish {
+        let of_size = |width, height| CameraRequest {
             size: Some(size(width, height)),
             ..nothing
         };
@@ -392,9 +392,9 @@ mod tests {
         );
         let large = of_size(1280, 720);
         assert_eq!(chosen(&webcam(), &large), Some((*b"MJPG", (1280, 720))));
-        let at = |rate_hz, wish| Wish {
+        let at = |rate_hz, request| CameraRequest {
             rate_hz: Some(rate_hz),
-            ..wish
+            ..request
         };
         assert_eq!(
             chosen(&webcam(), &at(10.0, nothing)),
@@ -414,9 +414,9 @@ mod tests {
         ((3840, 2160), 2.0),
     ];
 
-    fn raw_modes(wish: &Wish, n: usize, of: usize) -> Vec<Mode> {
+    fn raw_modes(request: &CameraRequest, n: usize, of: usize) -> Vec<Mode> {
         let sizes: Vec<(usize, usize)> = RAW_HZ[n..of].iter().map(|&(size, _)| size).collect();
-        modes(&[offer(b"YUYV", &sizes)], wish, |_, size| {
+        modes(&[offer(b"YUYV", &sizes)], request, |_, size| {
             let found = RAW_HZ.iter().find(|(s, _)| *s == (size.width, size.height));
             found.map(|&(_, rate_hz)| rate_hz)
         })
@@ -424,14 +424,15 @@ mod tests {
 
     #[test]
     fn sizes_that_are_slow_or_very_large_are_a_last_resort() {
-        let wish = Wish::default();
-        let size_of = |n, of| choose(&raw_modes(&wish, n, of), &wish).map(|choice| choice.size);
+        let request = CameraRequest::default();
+        let size_of =
+            |n, of| choose(&raw_modes(&request, n, of), &request).map(|choice| choice.size);
         assert_eq!(size_of(0, 4), Some(size(640, 480)));
         assert_eq!(size_of(2, 4), Some(size(1920, 1080)));
         assert_eq!(size_of(3, 4), Some(size(3840, 2160)));
-        let slow = Wish {
+        let slow = CameraRequest {
             rate_hz: Some(5.0),
-            ..wish
+            ..request
         };
         let chosen = choose(&raw_modes(&slow, 0, 4), &slow).map(|choice| choice.size);
         assert_eq!(chosen, Some(size(1920, 1080)));
@@ -440,15 +441,22 @@ mod tests {
     #[test]
     fn what_a_camera_gives_instead_is_said() {
         let said = |rate_hz, wished, given_hz| {
-            let wish = Wish {
+            let request = CameraRequest {
                 rate_hz,
                 size: wished,
-                ..Wish::default()
+                ..CameraRequest::default()
             };
             let given = size(640, 480);
             notes(
-                &raw_modes(&Wish { size: None, ..wish }, 0, 4),
-                &wish,
+                &raw_modes(
+                    &CameraRequest {
+                        size: None,
+                        ..request
+                    },
+                    0,
+                    4,
+                ),
+                &request,
                 given,
                 Some(given_hz),
             )
@@ -479,34 +487,40 @@ mod tests {
 
     #[test]
     fn wishes_are_met_exactly_or_not_at_all() {
-        let wish = |format, size| Wish {
+        let request = |format, size| CameraRequest {
             format,
             size,
-            ..Wish::default()
+            ..CameraRequest::default()
         };
         let grey = Some(PixelFormat::Grey);
         assert_eq!(
-            chosen(&webcam(), &wish(grey, None)),
+            chosen(&webcam(), &request(grey, None)),
             Some((*b"GREY", (640, 480)))
         );
-        assert_eq!(chosen(&webcam(), &wish(grey, Some(size(320, 240)))), None);
         assert_eq!(
-            chosen(&webcam(), &wish(Some(PixelFormat::Nv12), None)),
+            chosen(&webcam(), &request(grey, Some(size(320, 240)))),
             None
         );
-        assert_eq!(chosen(&webcam(), &wish(None, Some(size(1920, 1080)))), None);
+        assert_eq!(
+            chosen(&webcam(), &request(Some(PixelFormat::Nv12), None)),
+            None
+        );
+        assert_eq!(
+            chosen(&webcam(), &request(None, Some(size(1920, 1080)))),
+            None
+        );
     }
 
     #[test]
     fn a_refusal_says_what_there_is() {
         let refusal = |offers: &[Offer], format, size| {
-            let wish = Wish {
+            let request = CameraRequest {
                 format,
                 size,
-                ..Wish::default()
+                ..CameraRequest::default()
             };
-            assert_eq!(choose(&modes(offers, &wish, webcam_hz), &wish), None);
-            refusal(offers, "cam", &wish).to_string()
+            assert_eq!(choose(&modes(offers, &request, webcam_hz), &request), None);
+            refusal(offers, "cam", &request).to_string()
         };
         let (yuyv, nv12) = (Some(PixelFormat::Yuyv), Some(PixelFormat::Nv12));
         let small = Some(size(8, 8));
@@ -532,7 +546,7 @@ mod tests {
     fn grey_is_the_last_resort_and_sizes_come_before_rates() {
         let grey_only = [offer(b"GREY", &[(752, 480)])];
         assert_eq!(
-            chosen(&grey_only, &Wish::default()),
+            chosen(&grey_only, &CameraRequest::default()),
             Some((*b"GREY", (752, 480)))
         );
         let small_raw = [
@@ -541,14 +555,14 @@ mod tests {
             offer(b"GREY", &[(640, 480)]),
         ];
         assert_eq!(
-            chosen(&small_raw, &Wish::default()),
+            chosen(&small_raw, &CameraRequest::default()),
             Some((*b"MJPG", (800, 600)))
         );
         assert_eq!(
-            chosen(&[offer(b"NV12", &[])], &Wish::default()),
+            chosen(&[offer(b"NV12", &[])], &CameraRequest::default()),
             Some((*b"NV12", (1920, 1080)))
         );
-        assert_eq!(chosen(&[], &Wish::default()), None);
+        assert_eq!(chosen(&[], &CameraRequest::default()), None);
     }
 
     #[test]

@@ -2,12 +2,12 @@
 
 use imgproc::Size;
 
-use crate::camera::controls::ControlWish;
+use crate::camera::controls::ControlRequest;
 use crate::image::frame::PixelFormat;
 
 /// What the user wants of a camera. `None` leaves the choice to [`Camera::open`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Wish {
+pub struct CameraRequest {
     /// Size of the frames.
     pub size: Option<Size>,
     /// Frames per second; the camera gives the nearest that it can.
@@ -15,10 +15,10 @@ pub struct Wish {
     /// Layout of the frames.
     pub format: Option<PixelFormat>,
     /// Exposure, gain, white balance and focus.
-    pub controls: ControlWish,
+    pub controls: ControlRequest,
 }
 
-impl Wish {
+impl CameraRequest {
     /// Names of the arguments that it was made from.
     pub(crate) fn flags(&self) -> impl Iterator<Item = &'static str> {
         let given = [

@@ -11,13 +11,13 @@ use anyhow::{Context, bail};
 use imgproc::Size;
 
 use crate::background::learner::Learner;
-use crate::background::model::Floor;
+use crate::background::model::BackgroundModel;
 use crate::cli::{BackgroundArgs, SourceArgs};
 use crate::image::frame::{Picture, decode};
 use crate::run::capture::{Orders, capture, joined_unless_blocked, open_source};
 use crate::run::counters::Counters;
 use crate::run::slot::{Slot, SourceInfo};
-use crate::run::status::{Status, counted, tell};
+use crate::run::status::{Status, counted, log};
 use crate::run::tell_camera;
 use crate::run::threads::{POLL, SLOTS, spawn};
 
@@ -61,7 +61,7 @@ pub fn learn_background(
 
 /// What a source shows while nothing moves.
 pub(crate) struct Learned {
-    pub(crate) floor: Floor,
+    pub(crate) floor: BackgroundModel,
     /// Frames that it was learned from.
     pub(crate) seen: u32,
     /// Name of the source.
@@ -87,7 +87,7 @@ pub(crate) fn learn_view<T>(
     }
     let info = source.info();
     tell_camera(&source);
-    tell(format_args!(
+    log(format_args!(
         "overcam: learning {what} from {} of {}",
         counted(u64::from(count), "frame"),
         info.name
@@ -127,7 +127,7 @@ pub(crate) fn learn_view<T>(
     if !learned? {
         captured?;
         if stopped {
-            tell(format_args!(
+            log(format_args!(
                 "overcam: stopped after {}; nothing is written",
                 counted(u64::from(learner.seen()), "frame")
             ));
@@ -168,10 +168,10 @@ fn learn(
         let sequence = slot.frame.sequence;
         let decoded = decode(&slot.frame, &mut picture);
         // A run does not learn from a frame that was passed over either.
-        let passed_over = slot.passed_over;
+        let skipped = slot.skipped;
         drop(to_capture.try_send(slot));
         match decoded {
-            _ if passed_over => {}
+            _ if skipped => {}
             Ok(()) if learner.add(&picture) => return Ok(true),
             Ok(()) => status.learning(what, learner.seen(), learner.frames()),
             Err(error) => status.say(&format!("frame {sequence} is passed over: {error}")),

@@ -25,7 +25,7 @@ use crate::command::watch::connection::{Connection, Wanted};
 use crate::command::watch::table::Screen;
 use crate::output::json;
 use crate::output::shared_memory::{NameError, service_name};
-use crate::run::status::{counted, tell};
+use crate::run::status::{counted, log};
 
 /// Longest wait before the stop flag is looked at.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
@@ -260,7 +260,7 @@ impl Progress {
 
     fn tell(&self, message: fmt::Arguments<'_>) {
         if !self.quiet {
-            tell(format_args!("watch: {message}"));
+            log(format_args!("watch: {message}"));
         }
     }
 

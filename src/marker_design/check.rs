@@ -7,7 +7,7 @@ use imgproc::Size;
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::{Drawing, read_drawing};
 use crate::marker::name::check_unlike;
-use crate::marker::optics::Optics;
+use crate::marker::optics::BlurEstimate;
 use crate::marker::reference::{Placement, plate_mask, render};
 use crate::marker::{Family, FamilyError, MarkerFile, SEPARATION_MIN, matching};
 use crate::marker_design::bound::{View, least_heading_sigma};
@@ -130,7 +130,7 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
         height: side,
     };
     let mut scratch = CutoutScratch::new(size);
-    let mut optics = Optics::new();
+    let mut optics = BlurEstimate::new();
     optics.noise = NOISE;
     let settings = Settings::default().recognition(None);
     let mut state = 1u32;

@@ -16,9 +16,9 @@ use crate::source::{Source, SourceError};
 /// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
 pub(crate) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
     let (to_run, opened) = sync_channel(1);
-    let (device, wish) = (args.device.clone(), args.wish());
+    let (device, request) = (args.device.clone(), args.request());
     let opening = spawn("open", move || {
-        drop(to_run.send(Source::open(&device, &wish)));
+        drop(to_run.send(Source::open(&device, &request)));
     })?;
     loop {
         match opened.recv_timeout(POLL) {

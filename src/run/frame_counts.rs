@@ -6,7 +6,7 @@ use crate::run::counters::Counters;
 
 /// What became of the frames of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Books {
+pub struct FrameCounts {
     /// Taken from the source.
     pub captured: u64,
     /// Thrown away because no slot was free.
@@ -21,7 +21,7 @@ pub struct Books {
     pub unrecorded: u64,
 }
 
-impl Books {
+impl FrameCounts {
     /// Whether every frame is accounted for exactly once.
     #[must_use]
     pub fn balance(&self) -> bool {

@@ -3,7 +3,7 @@
 use anyhow::{Context, bail};
 use imgproc::Size;
 
-use crate::background::model::Floor;
+use crate::background::model::BackgroundModel;
 use crate::background::region::Region;
 use crate::cli::{RunArgs, WrongArguments};
 use crate::geometry::calibration::{self, Calibration};
@@ -12,7 +12,7 @@ use crate::output::mcap::provenance::Provenance;
 use crate::output::mcap::series::size_estimate;
 use crate::pipeline::Pipeline;
 use crate::run::slot::{Slot, SourceInfo};
-use crate::run::status::{counted, tell};
+use crate::run::status::{counted, log};
 use crate::settings::{self, Settings};
 use crate::source::Source;
 
@@ -37,7 +37,7 @@ enum Background {
     /// Learned, whatever the source brings.
     Learned,
     /// Given, and not yet handed to the pipeline.
-    Given(Floor),
+    Given(BackgroundModel),
     /// Given, and handed over.
     InUse,
 }
@@ -144,7 +144,7 @@ impl Setup {
             format!(" at {} frames/s", (rate * 100.0).round() / 100.0)
         });
         let (width, height) = (info.size.width, info.size.height);
-        tell(format_args!(
+        log(format_args!(
             "overcam: {}, {width} x {height}, {:?}{rate}",
             info.name, info.format
         ));
@@ -154,22 +154,22 @@ impl Setup {
             .iter()
             .map(|marker| marker.name.as_str())
             .collect();
-        tell(format_args!(
+        log(format_args!(
             "overcam: looking for {}: {}",
             counted(names.len() as u64, "marker"),
             names.join(", ")
         ));
         for remark in &self.remarks {
-            tell(format_args!("overcam: {remark}"));
+            log(format_args!("overcam: {remark}"));
         }
         if let Some(share) = self.region_share {
             let percent = 100.0 * share;
-            tell(format_args!(
+            log(format_args!(
                 "overcam: looking at {percent:.0} % of the picture, the light part of the region"
             ));
         }
         if matches!(self.background, Background::Learned) {
-            tell(format_args!(
+            log(format_args!(
                 "overcam: learning the empty floor from the first {}; results come after that",
                 counted(u64::from(self.settings.learn), "frame")
             ));
@@ -180,13 +180,13 @@ impl Setup {
                 Some(group) => format!(" --group {group}"),
                 None => String::new(),
             };
-            tell(format_args!(
+            log(format_args!(
                 "overcam: publishing on {service}{}; see it with: overcam watch --service {service}{group}",
                 scene::SERVICE_SUFFIX
             ));
         }
         if let Some(path) = &args.record {
-            tell(format_args!(
+            log(format_args!(
                 "overcam: recording to {}: {}",
                 path.display(),
                 size_estimate(info, args.image_mode())
@@ -235,7 +235,7 @@ impl Background {
                 Self::Learned
             });
         };
-        let floor = Floor::read(path, source.n_bits())?;
+        let floor = BackgroundModel::read(path, source.n_bits())?;
         let (found, frames) = (floor.picture.size, source.info().size);
         if found != frames {
             bail!(

@@ -3,7 +3,7 @@
 
 use imgproc::Size;
 
-use crate::background::model::Floor;
+use crate::background::model::BackgroundModel;
 use crate::image::frame::{Frame, PixelFormat};
 
 /// What a source says about its frames before the first one.
@@ -41,12 +41,12 @@ pub struct Slot {
     /// The frame.
     pub frame: Frame,
     /// The frame was captured but not processed, because a newer one was there or its bytes were no picture.
-    pub passed_over: bool,
+    pub skipped: bool,
     /// The empty floor that applies from this frame on, if it changes here. A source sets it where it knows
     /// the floor (the demo, a recording), the pipeline sets it when it has learned one.
-    pub background: Option<Floor>,
+    pub background: Option<BackgroundModel>,
     /// The floor as it was kept true up to this frame, where the recorder has asked for it to begin a new file.
-    pub floor_in_use: Option<Floor>,
+    pub floor_in_use: Option<BackgroundModel>,
     /// What was found in the frame.
     pub scene: Box<scene::Scene>,
 }
@@ -57,7 +57,7 @@ impl Slot {
     pub fn empty() -> Self {
         Self {
             frame: Frame::empty(),
-            passed_over: false,
+            skipped: false,
             background: None,
             floor_in_use: None,
             scene: Box::new(scene::Scene::EMPTY),

@@ -111,7 +111,7 @@ impl Status {
             self.shown = line;
             self.draw();
         } else {
-            tell(format_args!("{line}"));
+            log(format_args!("{line}"));
         }
     }
 
@@ -138,7 +138,7 @@ impl Status {
     /// Says something in a line of its own.
     pub(crate) fn say(&self, message: &str) {
         if self.shown.is_empty() {
-            tell(format_args!("overcam: {message}"));
+            log(format_args!("overcam: {message}"));
         } else {
             put(format_args!("\r\x1b[Kovercam: {message}\n{}", self.shown));
         }
@@ -306,7 +306,7 @@ pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
 }
 
 /// Writes a line to standard error.
-pub fn tell(line: fmt::Arguments<'_>) {
+pub fn log(line: fmt::Arguments<'_>) {
     put(format_args!("{line}\n"));
 }
 

@@ -148,8 +148,8 @@ impl Floor {
     /// The empty floor, as a camera without noise sees it in even light. The noise of its frames is unknown: what the median
     /// leaves of it depends on the grain of the floor.
     #[must_use]
-    pub fn background(&self) -> model::Floor {
-        model::Floor::from_picture(&self.renderer.background())
+    pub fn background(&self) -> model::BackgroundModel {
+        model::BackgroundModel::from_picture(&self.renderer.background())
     }
 }
 

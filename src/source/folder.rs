@@ -24,7 +24,7 @@ use crate::image::frame::Frame;
 use crate::image::picture_file::{PictureError, read_frame};
 use crate::image::png::{self, Png};
 use crate::run::slot::{Next, SourceInfo};
-use crate::run::status::tell;
+use crate::run::status::log;
 use crate::source::damaged::Damaged;
 
 /// Frames per second of a folder when the user states none. Pictures carry no clock, and stamps need one.
@@ -139,7 +139,7 @@ impl Pictures {
         }
         let n_bits = common_depth(&files);
         if let Some(bits @ ..16) = n_bits {
-            tell(format_args!(
+            log(format_args!(
                 "overcam: {}: the pictures have 16 bits a sample, of which {bits} are in use: they are read as {bits} bits",
                 folder.display()
             ));
@@ -191,7 +191,7 @@ impl Pictures {
             let exceeds = match read_frame(path, self.n_bits, frame) {
                 Ok(exceeds) => exceeds,
                 Err(error) => {
-                    self.damaged.pass_over(error);
+                    self.damaged.skip(error);
                     continue;
                 }
             };
@@ -204,7 +204,7 @@ impl Pictures {
             }
             if exceeds && !self.told_excess {
                 self.told_excess = true;
-                tell(format_args!(
+                log(format_args!(
                     "overcam: {}: it has more bits a sample than the pictures by which their number was told; what is brighter \
                      than they can be is taken as white",
                     path.display()

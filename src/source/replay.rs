@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 use foxglove::bytes::Bytes;
 use mcap::records::{AttachmentHeader, Channel, MessageHeader, Record};
 
-use crate::background::model::Floor;
+use crate::background::model::BackgroundModel;
 use crate::image::frame::Frame;
 use crate::output::foxglove::image_message::{
     ImageError, ImageSchema, Known, decode_message, image_schema,
@@ -36,7 +36,7 @@ use crate::output::mcap::provenance::{
 };
 use crate::output::mcap::records::{Chunks, Records, RecordsError, open};
 use crate::run::slot::{Next, Slot, SourceInfo};
-use crate::run::status::tell;
+use crate::run::status::log;
 use crate::source::damaged::Damaged;
 use crate::source::foreign::{ClockStep, Order, survey};
 
@@ -61,8 +61,8 @@ pub struct Recording {
 /// One frame and what comes with it.
 struct Image {
     frame: Frame,
-    passed_over: bool,
-    background: Option<Floor>,
+    skipped: bool,
+    background: Option<BackgroundModel>,
 }
 
 struct Reader {
@@ -101,7 +101,7 @@ struct Foreign {
 #[derive(Clone, Copy)]
 struct ImageChannel {
     schema: ImageSchema,
-    passed_over: bool,
+    skipped: bool,
     full_range: bool,
 }
 
@@ -131,7 +131,7 @@ impl Recording {
         };
         let mut first = Image {
             frame: Frame::empty(),
-            passed_over: false,
+            skipped: false,
             background: None,
         };
         let found = reader.next(&mut first, None)?;
@@ -190,19 +190,19 @@ impl Recording {
         let found = match self.first.take() {
             Some(first) => {
                 slot.frame = first.frame;
-                slot.passed_over = first.passed_over;
+                slot.skipped = first.skipped;
                 slot.background = first.background;
                 true
             }
             None => {
                 let mut image = Image {
                     frame: std::mem::replace(&mut slot.frame, Frame::empty()),
-                    passed_over: false,
+                    skipped: false,
                     background: None,
                 };
                 let result = self.reader.next(&mut image, Some(self.info.size));
                 slot.frame = image.frame;
-                slot.passed_over = image.passed_over;
+                slot.skipped = image.skipped;
                 slot.background = image.background;
                 result?
             }
@@ -269,7 +269,7 @@ impl Reader {
             return Ok(());
         }
         if header.name == BACKGROUND_NAME {
-            let floor = Floor::from_png(data)
+            let floor = BackgroundModel::from_png(data)
                 .map_err(|error| self.image_error(header.name.clone(), error.into()))?;
             image.background = Some(floor);
             return Ok(());
@@ -290,7 +290,7 @@ impl Reader {
             let full_range = channel.metadata.get(FULL_RANGE_KEY);
             let image_channel = ImageChannel {
                 schema,
-                passed_over: channel.topic == PASSED_OVER_TOPIC,
+                skipped: channel.topic == PASSED_OVER_TOPIC,
                 full_range: full_range.is_some_and(|value| value == "true"),
             };
             self.channels.insert(channel.id, image_channel);
@@ -327,8 +327,8 @@ impl Reader {
         let expected = frames.size;
         let read = decode_message(channel.schema, message, &mut self.known, &mut image.frame);
         if let Err(source) = read {
-            self.pass_over(
-                if channel.passed_over {
+            self.skip(
+                if channel.skipped {
                     PASSED_OVER_TOPIC
                 } else {
                     IMAGE_TOPIC
@@ -343,7 +343,7 @@ impl Reader {
         image.frame.sequence = sequence;
         image.frame.stamp_ns = stamp_ns;
         image.frame.full_range = channel.full_range;
-        image.passed_over = channel.passed_over;
+        image.skipped = channel.skipped;
         self.newest = Some(sequence);
         Ok(true)
     }
@@ -358,7 +358,7 @@ impl Reader {
             let read = decode_message(due.schema, due.message, &mut self.known, frame);
             if let Err(source) = read {
                 let name = foreign.name.clone();
-                self.pass_over(name, source);
+                self.skip(name, source);
                 self.newest = Some(due.number);
                 continue;
             }
@@ -366,16 +366,16 @@ impl Reader {
             image.frame.sequence = due.number;
             image.frame.stamp_ns = due.stamp_ns;
             image.frame.full_range = false;
-            image.passed_over = false;
+            image.skipped = false;
             self.newest = Some(due.number);
             return Ok(true);
         }
         Ok(false)
     }
 
-    fn pass_over(&mut self, topic: String, source: ImageError) {
+    fn skip(&mut self, topic: String, source: ImageError) {
         let error = self.image_error(topic, source);
-        self.damaged.pass_over(&error);
+        self.damaged.skip(&error);
         self.first_damage.get_or_insert(error);
     }
 
@@ -432,12 +432,12 @@ impl Reader {
         let path = self.path.display();
         for step in steps.iter().take(TOLD_STEPS_MAX) {
             let (seconds, image) = (step.step_ns as f64 * 1e-9, step.image);
-            tell(format_args!(
+            log(format_args!(
                 "overcam: {path}: a clock was set by {seconds:+.3} s before its image {image}; time goes on without the step"
             ));
         }
         if let Some(further) = steps.len().checked_sub(TOLD_STEPS_MAX).filter(|&n| n > 0) {
-            tell(format_args!("overcam: {path}: and {further} times more"));
+            log(format_args!("overcam: {path}: and {further} times more"));
         }
     }
 

@@ -46,7 +46,9 @@ impl Play {
         let mut picture = Picture::new(empty.size);
         Camera::ideal().expose(empty, &Light::EVEN, &mut play.slot.frame);
         decode(&play.slot.frame, &mut picture).expect("a drawn frame decodes");
-        play.slot.background = Some(overcam::background::model::Floor::from_picture(&picture));
+        play.slot.background = Some(overcam::background::model::BackgroundModel::from_picture(
+            &picture,
+        ));
         play
     }
 

@@ -31,7 +31,7 @@ fn every_stored_format_comes_back_as_it_was() {
             let bytes = fs::metadata(&path).expect("the file is there").len();
             let expected = Summary {
                 frames: 40,
-                passed_over: 2,
+                skipped: 2,
                 missing: 5,
                 bytes,
             };

@@ -121,14 +121,14 @@ fn gaps_and_new_floors_at_a_border_are_told_once() {
     let mut slots = eventful_slots(PixelFormat::Yuyv, 0);
     let (next_files, summary) = record(&path, false, MINUTES, &mut slots);
     assert_eq!(
-        (summary.frames, summary.passed_over, summary.missing),
+        (summary.frames, summary.skipped, summary.missing),
         (40, 2, 5)
     );
     let mut paths = vec![path];
     paths.extend(next_files.into_iter().map(|next| next.path));
     let files = play_all(&paths);
     let second = &files[2][0];
-    assert_eq!((second.sequence, second.passed_over), (20, true));
+    assert_eq!((second.sequence, second.skipped), (20, true));
     assert_eq!(second.background, Some(floor(200, SIZE)));
     let after_gap = &files[3][0];
     assert_eq!(after_gap.sequence, 35);

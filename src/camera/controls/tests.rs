@@ -58,7 +58,7 @@ fn denied(error: i32) -> io::Result<()> {
     Err(io::Error::from_raw_os_error(error))
 }
 
-const LOCK: ControlWish = ControlWish {
+const LOCK: ControlRequest = ControlRequest {
     camera_auto: false,
     exposure_us: None,
     gain: None,
@@ -69,7 +69,7 @@ const LOCK: ControlWish = ControlWish {
 #[test]
 fn everything_automatic_is_switched_off() {
     let camera = camera(&WEBCAM);
-    assert_eq!(LOCK, ControlWish::default());
+    assert_eq!(LOCK, ControlRequest::default());
     let off = camera.to_switch_off(&LOCK);
     let expected = [
         (EXPOSURE_AUTO, EXPOSURE_MANUAL),
@@ -136,25 +136,25 @@ fn values_that_switching_off_has_changed_are_written_back() {
     assert_eq!(pairs(&after.to_put_back(&before, &LOCK)), expected);
 
     // What was given by hand, still moves by itself, or cannot be set is left.
-    let wish = ControlWish {
+    let request = ControlRequest {
         gain: Some(0),
         ..LOCK
     };
     after = changed(after, &[reset(FOCUS_AUTO, 1)]);
     after.0[1].range.is_writable = false;
-    assert!(after.to_put_back(&before, &wish).is_empty());
+    assert!(after.to_put_back(&before, &request).is_empty());
 }
 
 #[test]
 fn values_given_by_hand_are_written_exactly() {
     let camera = camera(&WEBCAM);
-    let wish = ControlWish {
+    let request = ControlRequest {
         exposure_us: Some(10_000),
         gain: Some(255),
         white_balance_k: Some(4010),
         ..LOCK
     };
-    let by_hand = camera.by_hand(&wish).expect("all of it is offered");
+    let by_hand = camera.by_hand(&request).expect("all of it is offered");
     let expected = [
         (EXPOSURE_AUTO, EXPOSURE_MANUAL),
         (EXPOSURE_ABSOLUTE, 100),
@@ -163,24 +163,24 @@ fn values_given_by_hand_are_written_exactly() {
         (WHITE_BALANCE_TEMPERATURE, 4010),
     ];
     assert_eq!(pairs(&by_hand), expected);
-    let error = camera.check_by_hand(&wish).expect_err("not yet written");
+    let error = camera.check_by_hand(&request).expect_err("not yet written");
     assert!(error.to_string().contains("its automatic on"), "{error}");
 
     let mut taken = changed(camera, &by_hand);
-    taken.check_by_hand(&wish).expect("taken");
-    let off = taken.to_switch_off(&wish);
+    taken.check_by_hand(&request).expect("taken");
+    let off = taken.to_switch_off(&request);
     assert_eq!(pairs(&off), [(FOCUS_AUTO, 0)]);
     assert_eq!(taken.to_keep_rate(&off), None);
     taken = changed(taken, &off);
     assert_eq!(
-        taken.report(&wish, &accepted(off)),
+        taken.report(&request, &accepted(off)),
         "locked focus 30; given exposure 10000 us, gain 255, white balance 4010 K"
     );
     let clipped = Change {
         id: EXPOSURE_ABSOLUTE,
         value: 99,
     };
-    let error = changed(taken, &[clipped]).check_by_hand(&wish);
+    let error = changed(taken, &[clipped]).check_by_hand(&request);
     assert_eq!(
         error.expect_err("not what was asked for").to_string(),
         "--exposure 10000: the camera has 9900 us instead: give another value, or leave it out"
@@ -189,17 +189,17 @@ fn values_given_by_hand_are_written_exactly() {
 
 #[test]
 fn automatics_stay_on_if_wished_except_of_what_is_given() {
-    let wish = ControlWish {
+    let request = ControlRequest {
         camera_auto: true,
         focus: Some(0),
         ..LOCK
     };
     let camera = camera(&WEBCAM);
-    assert!(camera.to_switch_off(&wish).is_empty());
-    let by_hand = camera.by_hand(&wish).expect("offered");
+    assert!(camera.to_switch_off(&request).is_empty());
+    let by_hand = camera.by_hand(&request).expect("offered");
     assert_eq!(pairs(&by_hand), [(FOCUS_AUTO, 0), (FOCUS_ABSOLUTE, 0)]);
     assert_eq!(
-        changed(camera, &by_hand).report(&wish, &Attempt::default()),
+        changed(camera, &by_hand).report(&request, &Attempt::default()),
         "given focus 0; fixed already gain 64; automatic exposure, white balance"
     );
 }
@@ -207,11 +207,11 @@ fn automatics_stay_on_if_wished_except_of_what_is_given() {
 #[test]
 fn values_that_the_camera_does_not_have_are_refused() {
     let mut webcam = camera(&WEBCAM);
-    let refusal = |camera: &Controls, wish: ControlWish| {
-        let error = camera.by_hand(&wish).expect_err("not offered");
+    let refusal = |camera: &Controls, request: ControlRequest| {
+        let error = camera.by_hand(&request).expect_err("not offered");
         error.to_string()
     };
-    let exposure = |us| ControlWish {
+    let exposure = |us| ControlRequest {
         exposure_us: Some(us),
         ..LOCK
     };
@@ -221,7 +221,7 @@ fn values_that_the_camera_does_not_have_are_refused() {
             format!("--exposure {us}: the camera has 300 to 204700 us in steps of 100")
         );
     }
-    let gain = |gain| ControlWish {
+    let gain = |gain| ControlRequest {
         gain: Some(gain),
         ..LOCK
     };
@@ -231,7 +231,7 @@ fn values_that_the_camera_does_not_have_are_refused() {
             format!("--gain {value}: the camera has 0 to 255 in steps of 1")
         );
     }
-    let focus = ControlWish {
+    let focus = ControlRequest {
         focus: Some(31),
         ..LOCK
     };
@@ -239,7 +239,7 @@ fn values_that_the_camera_does_not_have_are_refused() {
         refusal(&webcam, focus),
         "--focus 31: the camera has 0 to 250 in steps of 5"
     );
-    let kelvin = ControlWish {
+    let kelvin = ControlRequest {
         white_balance_k: Some(4600),
         ..LOCK
     };
@@ -271,12 +271,12 @@ fn refusals_are_told_with_the_reason() {
         "locked exposure 15600 us; fixed already gain 64; \
          automatic white balance (Device or resource busy (os error 16)), focus (it does not switch off)"
     );
-    let wish = ControlWish {
+    let request = ControlRequest {
         gain: Some(7),
         ..LOCK
     };
     let change = Change { id: GAIN, value: 7 };
-    let error = refused(change, &wish, io::Error::from_raw_os_error(libc::EIO));
+    let error = refused(change, &request, io::Error::from_raw_os_error(libc::EIO));
     assert_eq!(
         error.to_string(),
         "--gain 7: the camera refuses it (Input/output error (os error 5)): leave it out"

@@ -15,7 +15,7 @@ use scene::Scene;
 
 use super::{POLL_PERIOD, WatchError};
 use crate::output::shared_memory::{self, Ipc, leftovers};
-use crate::run::status::tell;
+use crate::run::status::log;
 
 /// What is watched.
 #[derive(Debug, Clone, Copy)]
@@ -81,7 +81,7 @@ impl<'a> Connection<'a> {
                 }
             }
             if !said {
-                tell(format_args!(
+                log(format_args!(
                     "watch: waiting for service `{}`: no overcam publishes it yet",
                     wanted.name
                 ));

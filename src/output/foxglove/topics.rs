@@ -37,7 +37,7 @@ pub(crate) const FULL_RANGE_KEY: &str = "full_range";
 #[derive(Clone, Copy)]
 pub(crate) struct ImageChannels {
     pub(crate) processed: u16,
-    pub(crate) passed_over: u16,
+    pub(crate) skipped: u16,
 }
 
 /// Channels of everything else.
@@ -73,7 +73,7 @@ impl ImageChannels {
         };
         Ok(Self {
             processed: add(IMAGE_TOPIC)?,
-            passed_over: add(PASSED_OVER_TOPIC)?,
+            skipped: add(PASSED_OVER_TOPIC)?,
         })
     }
 }

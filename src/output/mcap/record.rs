@@ -5,7 +5,7 @@
 //! The camera's frames and the results of each, on the topics that [`topics`](crate::output::foxglove::topics) lists.
 //!
 //! Settings, markers, calibration and region stand before the first message ([`Provenance`]). A new floor is
-//! the attachment `background.png` ([`Floor`]), written before the first frame to which it applies: the order in the file is its meaning.
+//! the attachment `background.png` ([`BackgroundModel`]), written before the first frame to which it applies: the order in the file is its meaning.
 //!
 //! A message's sequence is the frame's, in 32 bits. Its log time is the moment of exposure: on the wall clock for a camera,
 //! with an offset that is measured once so that a replay gets back the exact time stamps; for any other source the stamp
@@ -32,7 +32,7 @@ use nalgebra::{Matrix3, RowVector3};
 use rustix::time::{ClockId, clock_gettime};
 use scene::{FRAME_FLOOR, FRAME_IMAGE};
 
-use crate::background::model::Floor;
+use crate::background::model::BackgroundModel;
 use crate::output::foxglove::annotate;
 use crate::output::foxglove::image_message::{ImageEncoder, ImageError, ImageMode, ImageSchema};
 use crate::output::foxglove::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
@@ -89,7 +89,7 @@ pub struct Recorder {
 #[derive(Default)]
 struct OpenChunk {
     frames: u64,
-    passed_over: u64,
+    skipped: u64,
     missing: u64,
     image_bytes: usize,
     /// All messages, not compressed.
@@ -103,7 +103,7 @@ pub struct Summary {
     /// Frames, those that were passed over included.
     pub frames: u64,
     /// Frames that were passed over.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Frames missing between recorded ones, by their sequence numbers.
     pub missing: u64,
     /// Size of the file.
@@ -206,12 +206,12 @@ pub(crate) struct Continuation<'a> {
     wall_offset_ns: u64,
     previous_sequence: Option<u64>,
     /// The floor in use, and the stamp of the frame from which on it is.
-    floor: Option<(&'a Floor, u64)>,
+    floor: Option<(&'a BackgroundModel, u64)>,
 }
 
 impl<'a> Continuation<'a> {
     /// With the floor from which the next file starts.
-    pub(crate) fn with_floor(self, floor: Option<&'a Floor>, stamp_ns: u64) -> Self {
+    pub(crate) fn with_floor(self, floor: Option<&'a BackgroundModel>, stamp_ns: u64) -> Self {
         Self {
             floor: floor.map(|floor| (floor, stamp_ns)),
             ..self
@@ -408,8 +408,8 @@ impl Recorder {
         }
         let image_bytes = self.message.len();
         let channels = self.image_channels(mcap, frame.full_range)?;
-        let channel_id = if slot.passed_over {
-            channels.passed_over
+        let channel_id = if slot.skipped {
+            channels.skipped
         } else {
             channels.processed
         };
@@ -433,7 +433,7 @@ impl Recorder {
         }
         let scene = &slot.scene;
         let is_of_this_frame = (scene.sequence, scene.stamp_ns) == (frame.sequence, frame.stamp_ns);
-        if !slot.passed_over && is_of_this_frame {
+        if !slot.skipped && is_of_this_frame {
             writer.write_scene(&self.results, scene, self.image_from_floor.as_ref())?;
         }
         let frame_bytes = writer.bytes();
@@ -443,7 +443,7 @@ impl Recorder {
         };
         self.previous_sequence = Some(frame.sequence);
         self.chunk.frames += 1;
-        self.chunk.passed_over += u64::from(slot.passed_over);
+        self.chunk.skipped += u64::from(slot.skipped);
         self.chunk.missing += missing;
         self.chunk.image_bytes += image_bytes;
         self.chunk.bytes += frame_bytes;
@@ -466,7 +466,7 @@ impl Recorder {
         self.flushed_stamp_ns = chunk.newest_stamp_ns.or(self.flushed_stamp_ns);
         self.written = Summary {
             frames: self.written.frames + chunk.frames,
-            passed_over: self.written.passed_over + chunk.passed_over,
+            skipped: self.written.skipped + chunk.skipped,
             missing: self.written.missing + chunk.missing,
             bytes: self.file.metadata()?.len(),
         };

@@ -14,7 +14,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::background::model::Floor;
+use crate::background::model::BackgroundModel;
 use crate::output::foxglove::image_message::ImageMode;
 use crate::output::mcap::provenance::Provenance;
 use crate::output::mcap::record::{RecordError, Recorder, Start, Summary};
@@ -49,7 +49,7 @@ pub struct Series {
     /// Frames since a limit was nearly reached.
     due_for: Option<u32>,
     /// The floor in use, where a later file may need it.
-    floor: Option<Floor>,
+    floor: Option<BackgroundModel>,
     /// What the files before hold.
     finished: Summary,
 }
@@ -182,7 +182,7 @@ impl Series {
 
     fn begin_next(
         &mut self,
-        floor_in_use: Option<Floor>,
+        floor_in_use: Option<BackgroundModel>,
         slot: &Slot,
     ) -> Result<NextFile, RecordError> {
         let Some(recorder) = self.recorder.take() else {
@@ -240,7 +240,7 @@ impl Series {
 fn sum(one: Summary, other: Summary) -> Summary {
     Summary {
         frames: one.frames + other.frames,
-        passed_over: one.passed_over + other.passed_over,
+        skipped: one.skipped + other.skipped,
         missing: one.missing + other.missing,
         bytes: one.bytes + other.bytes,
     }
