@@ -7,7 +7,7 @@
 //! no buffer for are found by gaps in its count. Padding at the end of rows is removed. A frame's moment is the kernel's stamp,
 //! or the moment at which the buffer is taken if the driver's stamps are not on the monotonic clock.
 //!
-//! Exposure, gain, white balance and focus are locked at the start: [`controls`](crate::camera::controls) says how and why.
+//! Exposure, gain, white balance and focus are locked at the start: [`controls`] says how and why.
 //!
 //! A camera that was unplugged, or whose driver stalled, is the same one when it is back ([`Camera::resume`]): same size, format, rate and
 //! controls, numbers of frames that go on.

@@ -2,7 +2,7 @@
 //!
 //! Median, difference from the empty floor, threshold on the 3x3 sum, opening, closing, as in the paper; then the shapes are
 //! looked at one by one: too small, too thin or too faint ones are none, and neither are the places that an object has left. The
-//! floor is kept true meanwhile ([`upkeep`]), the light is measured ([`lighting`]).
+//! floor is kept true meanwhile ([`update`](crate::background::update)), the light is measured ([`illumination`](crate::background::illumination)).
 
 mod texture;
 

@@ -1,9 +1,9 @@
 //! Where frames come from: one enum, because its members are known. `kind` tells what a path leads to by what is there, not by its
 //! name.
 //!
-//! [`camera`] captures from a V4L2 device ([`devices`] lists them, `negotiation` chooses among what a camera offers, [`controls`]
-//! locks its exposure and the like, `v4l2` is the kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`folder`] read files,
-//! [`replay`](crate::source::replay) reads recordings, and [`demo`] is the synthetic floor that `render` draws.
+//! [`camera`](crate::camera) captures from a V4L2 device, [`y4m`] and [`folder`] read files, [`replay`] reads recordings and `foreign` what
+//! other programs recorded, and [`demo`] is the synthetic floor that `render` draws. `combing` tells interlaced frames, `damaged` counts
+//! pictures that cannot be read.
 
 mod combing;
 pub(crate) mod damaged;

@@ -1,6 +1,6 @@
 //! What is known of the empty floor: its picture, and how much each of its pixels changes from frame to frame.
 //!
-//! A floor is learned from frames ([`learner`]) or read from a file. Which part of the picture is floor at all, a [`region`]
+//! A floor is learned from frames ([`learner`](crate::background::learner)) or read from a file. Which part of the picture is floor at all, a [`region`](crate::background::region)
 //! says.
 //!
 //! # A floor as a file

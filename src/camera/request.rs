@@ -5,7 +5,7 @@ use imgproc::Size;
 use crate::camera::controls::ControlRequest;
 use crate::image::frame::PixelFormat;
 
-/// What the user wants of a camera. `None` leaves the choice to [`Camera::open`].
+/// What the user wants of a camera. `None` leaves the choice to [`Camera::open`](crate::camera::Camera::open).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CameraRequest {
     /// Size of the frames.

@@ -1,8 +1,8 @@
 //! A folder of PNG and JPEG files as a source.
 //!
 //! The files of a folder are taken in natural order of their names (`img2` before `img10`). What a file is, its first bytes
-//! say, not its name. JPEG files travel on as they are; of PNG files, grey ones become [`PixelFormat::Grey`] frames and all
-//! others [`PixelFormat::Rgb`]; 16 bits a sample are reduced to 8 and an alpha channel is dropped. Files of a folder may differ in
+//! say, not its name. JPEG files travel on as they are; of PNG files, grey ones become [`PixelFormat::Grey`](crate::image::frame::PixelFormat::Grey) frames and all
+//! others [`PixelFormat::Rgb`](crate::image::frame::PixelFormat::Rgb); 16 bits a sample are reduced to 8 and an alpha channel is dropped. Files of a folder may differ in
 //! format but not in size.
 //!
 //! How many of 16 bits are in use, a few pictures of the folder tell, from its first to its last: all are reduced alike.
