@@ -13,14 +13,14 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use imgproc::Size;
-use overcam::calibration::Calibration;
-use overcam::frame::{Frame, PixelFormat};
+use overcam::geometry::calibration::Calibration;
+use overcam::image::frame::{Frame, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
-use overcam::recording::replay::Recording;
+use overcam::run::slot::{Next, Slot};
 use overcam::settings::Settings;
-use overcam::slot::{Next, Slot};
 use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ};
+use overcam::source::replay::Recording;
 
 /// Frames that are kept in memory and gone through again and again.
 const FRAMES: usize = 24;
@@ -182,7 +182,7 @@ fn recorded(criterion: &mut Criterion) {
             break;
         }
         background = slot.background.take().or(background);
-        if background.is_some() && !slot.passed_over {
+        if background.is_some() && !slot.skipped {
             slots.push(slot);
         }
     }

@@ -20,8 +20,8 @@ use imgproc::difference::{
 use imgproc::median::median_3x3;
 use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::{Point, Size};
-use overcam::frame::{Picture, decode};
-use overcam::slot::Slot;
+use overcam::image::frame::{Picture, decode};
+use overcam::run::slot::Slot;
 use overcam::source::demo::{Floor, NATURAL_SIZE};
 use predict::{MAX_TRACKS, Observation, Settings, Track, Tracker};
 use rustfft::FftPlanner;

@@ -12,13 +12,13 @@
 use std::error::Error;
 
 use image::{Rgb, RgbImage, imageops};
-use overcam::frame::{Picture, decode};
+use overcam::camera::CameraRequest;
+use overcam::image::frame::{Picture, decode};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::{Next, Slot};
 use overcam::settings::Settings;
-use overcam::slot::{Next, Slot};
 use overcam::source::Source;
-use overcam::source::camera::Wish;
 use scene::{KIND_MARKER, Object, Scene};
 
 /// Pixels of the drawing for one of the frame.
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let device = arguments.next().unwrap_or("demo".to_owned());
     let sequence: u64 = arguments.next().map_or(Ok(100), |n| n.parse())?;
 
-    let mut source = Source::open(&device, &Wish::default())?;
+    let mut source = Source::open(&device, &CameraRequest::default())?;
     let info = source.info();
     let family = Family::from_files(&built_in_files())?;
     let mut pipeline = Pipeline::new(info.size, info.rate_hz, Settings::default(), family, None);

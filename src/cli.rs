@@ -10,13 +10,13 @@ use clap::{Args, Parser, Subcommand, ValueHint};
 use clap_complete::Shell;
 use imgproc::Size;
 
-use crate::frame::PixelFormat;
-use crate::publish::service_name;
-use crate::recording::image_message::ImageMode;
-use crate::recording::series::Limits;
+use crate::camera::CameraRequest;
+use crate::camera::controls::ControlRequest;
+use crate::image::frame::PixelFormat;
+use crate::output::foxglove::image_message::ImageMode;
+use crate::output::mcap::series::Limits;
+use crate::output::shared_memory::service_name;
 use crate::settings::{self, Settings};
-use crate::source::camera::Wish;
-use crate::source::controls::ControlWish;
 
 /// One camera on the ceiling becomes a positioning service for everything on the floor.
 ///
@@ -189,12 +189,12 @@ pub struct SourceArgs {
 impl SourceArgs {
     /// What a camera is asked for.
     #[must_use]
-    pub fn wish(&self) -> Wish {
-        Wish {
+    pub fn request(&self) -> CameraRequest {
+        CameraRequest {
             size: self.size,
             rate_hz: self.rate,
             format: self.format,
-            controls: ControlWish {
+            controls: ControlRequest {
                 camera_auto: self.camera_auto,
                 exposure_us: self.exposure,
                 gain: self.gain,

@@ -1,7 +1,9 @@
 //! What each command does: from parsed arguments to the end of the program.
 
+pub mod background;
 mod man;
 mod service;
+pub mod watch;
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -11,20 +13,19 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, bail};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
-use crate::calibration::{self, Calibration};
+use crate::camera::devices;
 use crate::cli::{Cli, Command, MarkersCommand};
-use crate::lines::StoppableWriter;
-use crate::marker::check::{check, table};
-use crate::marker::design::design;
-use crate::marker::sheet::{Layout, pdf, svg_pages};
-use crate::marker::trace::trace;
+use crate::command::background::{learn_background, learn_view};
+use crate::geometry::calibration::{self, Calibration};
 use crate::marker::{MarkerFile, built_in_files, read_folder};
-use crate::recording::recover;
-use crate::run::background::{learn_background, learn_view};
+use crate::marker_design::check::{check, table};
+use crate::marker_design::design::design;
+use crate::marker_design::sheet::{Layout, pdf, svg_pages};
+use crate::marker_design::trace::trace;
+use crate::output::lines::StoppableWriter;
+use crate::output::mcap::recover;
+use crate::run::status::{can_redraw, counted};
 use crate::run::{Completion, run};
-use crate::source::devices;
-use crate::status::{can_redraw, counted};
-use crate::watch;
 
 /// Does what the arguments say, until it is done or a signal ends it.
 ///

@@ -6,12 +6,12 @@ use imgproc::contour::{
 };
 use imgproc::{Bounds, Point, Size};
 
-use crate::frame::Picture;
+use crate::geometry::outline::{Outline, simplified};
+use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_plates};
-use crate::marker::optics::Optics;
+use crate::marker::optics::BlurEstimate;
 use crate::marker::{Family, Recognised, RecognitionSettings};
-use crate::outline::{Outline, simplified};
 
 /// Most detections of one frame.
 pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;
@@ -69,7 +69,7 @@ pub(crate) struct Detector {
     mask: Vec<u8>,
     grey: Vec<u8>,
     cutout: CutoutScratch,
-    optics: Optics,
+    optics: BlurEstimate,
     detections: Vec<Detection>,
     /// Of each detection.
     shapes: Vec<ShapeOf>,
@@ -86,15 +86,15 @@ impl Detector {
             mask: vec![0; size.area()],
             grey: vec![0; size.area()],
             cutout: CutoutScratch::new(size),
-            optics: Optics::new(),
+            optics: BlurEstimate::new(),
             detections: Vec::with_capacity(MAX_DETECTIONS),
             shapes: Vec::with_capacity(MAX_DETECTIONS),
         }
     }
 
     /// Forgets what is known of the camera's optics: another floor may mean another camera.
-    pub(crate) fn forget_optics(&mut self) {
-        self.optics = Optics::new();
+    pub(crate) fn forget_blur(&mut self) {
+        self.optics = BlurEstimate::new();
     }
 
     /// Everything in the mask, in reading order, and how many shapes and markers found no room or had too long a contour.

@@ -6,28 +6,26 @@
 //! thresholds), [`fourier`] (contours to descriptors, matches and poses) and [`predict`] (positions to tracks and
 //! forecasts). A fourth, [`scene`], is what a subscriber reads.
 //!
-//! # The chain
+//! # From a frame to a scene
 //!
-//! [`pipeline`] is where to begin: [`Pipeline::process`](pipeline::Pipeline::process) turns one frame into one scene. It joins
+//! [`pipeline`] is where to begin: [`Pipeline::process`](pipeline::Pipeline::process) turns one frame into one scene. It joins, in this
+//! order,
 //!
-//! * [`frame`]: a frame in the format of its source, decoded into colour planes ([`jpeg`] decodes JPEG);
-//! * [`floor`]: what is known of the empty floor, learned or read, and which part of the picture is floor;
+//! * [`image`]: the bytes of a frame and what they decode to; JPEG and PNG;
+//! * [`background`]: what the empty floor looks like, how it is learned, and how it is kept true;
 //! * `segmentation`: the mask of everything that differs from it;
-//! * `detection`: shapes of the mask, each a marked object or an obstacle; [`marker`] reads what is on them, `outline`
-//!   simplifies contours;
-//! * [`calibration`]: from pixels to metres on the floor;
+//! * `detection`: shapes of the mask, each a marked object or an obstacle;
+//! * [`marker`]: the family of markers, and reading one on a shape ([`marker_design`] makes and judges drawings);
+//! * [`geometry`]: outlines, and from pixels to metres on the floor. Lens and height belong here;
 //! * [`settings`]: everything that decides what is found.
 //!
 //! # Around it
 //!
-//! * [`source`]: where frames come from, cameras, files, recordings, and the demo floor with exact truth;
-//! * [`slot`]: what travels through the program with a frame;
-//! * [`recording`]: frames and results into MCAP, and back;
-//! * [`publish`]: scenes into shared memory, from where [`watch`] and any planner read them; [`json`]: a scene as a line,
-//!   `lines`: its way to standard output;
-//! * [`cli`] defines the arguments, [`command`] does what they say, `setup` makes of them what a run works with, [`run`] holds the three threads and keeps the
-//!   books of the frames, [`status`] shows that they live, `notify` tells systemd so;
-//! * `raster` draws polygons exactly, for the demo and for the markers' references.
+//! * [`camera`]: V4L2 cameras, and the only `unsafe` of the program in `camera::v4l2`;
+//! * [`source`]: where frames come from: a camera, files, recordings, and the demo floor with exact truth;
+//! * [`output`]: where results go: lines of JSON, shared memory, MCAP files of Foxglove messages;
+//! * [`run`]: the threads, the slots that travel between them, the counts of the frames, and what a person reads meanwhile;
+//! * [`cli`] defines the arguments, [`command`] has a file for each subcommand.
 //!
 //! # What is deliberately absent
 //!
@@ -35,27 +33,18 @@
 //! random numbers: the same frames give the same scenes, live and replayed. A frame meets three threads and no lock; a fourth
 //! writes the lines of `--json`, and nobody waits for it at a camera. There is no asynchronous runtime.
 
-pub mod calibration;
+pub mod background;
+pub mod camera;
 pub mod cli;
 pub mod command;
 mod detection;
-pub mod floor;
-pub mod frame;
-pub mod jpeg;
-pub mod json;
-mod lines;
+pub mod geometry;
+pub mod image;
 pub mod marker;
-mod notify;
-mod outline;
+pub mod marker_design;
+pub mod output;
 pub mod pipeline;
-pub mod publish;
-mod raster;
-pub mod recording;
 pub mod run;
 mod segmentation;
 pub mod settings;
-mod setup;
-pub mod slot;
 pub mod source;
-pub mod status;
-pub mod watch;

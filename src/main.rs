@@ -6,8 +6,8 @@ use clap::Parser;
 use overcam::cli::{Cli, WrongArguments};
 use overcam::command::execute;
 use overcam::run::Completion;
+use overcam::run::status::{is_broken_pipe, log, one_line};
 use overcam::source::SourceError;
-use overcam::status::{is_broken_pipe, one_line, tell};
 
 /// The arguments contradict each other; those that cannot be read end the program with the same.
 const WRONG_ARGUMENTS: u8 = 2;
@@ -20,7 +20,7 @@ fn main() -> ExitCode {
         Ok(Completion::FramesLost) => ExitCode::from(FRAMES_LOST),
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            tell(format_args!("overcam: {}", one_line(&error)));
+            log(format_args!("overcam: {}", one_line(&error)));
             match error.downcast_ref() {
                 Some(SourceError::Argument { .. }) => ExitCode::from(WRONG_ARGUMENTS),
                 _ if error.is::<WrongArguments>() => ExitCode::from(WRONG_ARGUMENTS),

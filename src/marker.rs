@@ -8,23 +8,19 @@
 //! alike, blur and noise, is learned meanwhile (`optics`). Where intensity tells nothing, `colour` may. How exact a pose can be at
 //! best says `bound`.
 
-mod bound;
-pub mod check;
 pub(crate) mod colour;
 pub(crate) mod cutout;
-pub mod design;
 pub mod drawing;
 mod folder;
 pub mod name;
 pub(crate) mod optics;
 mod recognition;
 pub(crate) mod reference;
-pub mod sheet;
 mod template;
-pub mod trace;
 
 use fourier::descriptor::Descriptor;
-use fourier::matching::{self, compare, distances};
+pub(crate) use fourier::matching;
+use fourier::matching::{compare, distances};
 
 use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
 pub use crate::marker::folder::read_folder;
@@ -156,13 +152,13 @@ pub enum FamilyError {
 /// The markers that are looked for.
 #[derive(Debug, Clone)]
 pub struct Family {
-    markers: Vec<Marker>,
+    pub(crate) markers: Vec<Marker>,
 }
 
 /// One marker and what it looks like.
 #[derive(Debug, Clone)]
-struct Marker {
-    name: String,
+pub(crate) struct Marker {
+    pub(crate) name: String,
     /// For each of [`BLURS_PX`] those of [`PLATES_PX`] on which it can be read, in ascending order.
     references: Vec<Vec<Reference>>,
     template: Template,
@@ -233,7 +229,7 @@ impl Family {
 const CLEAR_PLATE_PX: f32 = 32.0;
 
 impl Marker {
-    fn learn(drawing: &Drawing) -> Result<Self, FamilyError> {
+    pub(crate) fn learn(drawing: &Drawing) -> Result<Self, FamilyError> {
         let name = || drawing.name.clone();
         let mut references = Vec::with_capacity(BLURS_PX.len());
         for blur_px in BLURS_PX {
@@ -275,7 +271,7 @@ impl Marker {
     }
 
     /// The descriptor that neither pixels nor blur have changed much.
-    fn clearest(&self) -> &Descriptor {
+    pub(crate) fn clearest(&self) -> &Descriptor {
         match self.references.first().and_then(|sizes| sizes.last()) {
             Some(reference) => &reference.descriptor,
             None => unreachable!("a marker is learned with its large plates"),
@@ -299,7 +295,7 @@ pub fn built_in_files() -> Vec<MarkerFile> {
 mod tests {
     use super::*;
     use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
-    use crate::marker::optics::Optics;
+    use crate::marker::optics::BlurEstimate;
     use crate::marker::reference::{Placement, render};
     use fourier::wrapped;
     use imgproc::Size;
@@ -355,7 +351,7 @@ mod tests {
                 };
                 let mut found = Vec::new();
                 find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-                    let read = family.recognise(&plate, cutout, &Optics::new(), &SETTINGS);
+                    let read = family.recognise(&plate, cutout, &BlurEstimate::new(), &SETTINGS);
                     found.extend(read);
                     read.is_some()
                 });
@@ -431,7 +427,7 @@ mod tests {
                         mask: &vec![1; size.area()],
                     };
                     shown += 1;
-                    let mut optics = Optics::new();
+                    let mut optics = BlurEstimate::new();
                     optics.noise = 6.0;
                     find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
                         let Some(pose) = family.recognise(&plate, cutout, &optics, &SETTINGS)

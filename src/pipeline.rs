@@ -7,16 +7,16 @@ use imgproc::Size;
 use predict::{Heading, MAX_TRACKS, Observation, Track, Tracker};
 use scene::{ForecastPoint, Object};
 
-use crate::calibration::{Calibration, FloorPoint};
+use crate::background::learner::Learner;
+use crate::background::model::BackgroundModel;
+use crate::background::region::Region;
 use crate::detection::{Detection, Detector, MAX_DETECTIONS};
-use crate::floor::Floor;
-use crate::floor::learner::Learner;
-use crate::floor::region::Region;
-use crate::frame::{DecodeError, Picture, decode};
+use crate::geometry::calibration::{Calibration, FloorPoint};
+use crate::image::frame::{DecodeError, Picture, decode};
 use crate::marker::Family;
+use crate::run::slot::Slot;
 use crate::segmentation::{Light, Segmented, Segmenter};
 use crate::settings::Settings;
-use crate::slot::Slot;
 
 /// Frames per second where a source does not say.
 const RATE_HZ: f64 = 30.0;
@@ -55,7 +55,7 @@ enum Learning {
     /// Frames are being collected.
     Collecting(Box<Learner>),
     /// Learned with the last frame; it counts from the next one on.
-    Done(Floor),
+    Done(BackgroundModel),
 }
 
 /// What became of a frame.
@@ -142,7 +142,7 @@ impl Pipeline {
 
     /// The floor that is in use, as it was kept true so far; `None` before one is known. Takes memory.
     #[must_use]
-    pub fn floor(&self) -> Option<Floor> {
+    pub fn floor(&self) -> Option<BackgroundModel> {
         self.segmenter.as_ref().map(|segmenter| segmenter.floor())
     }
 
@@ -236,7 +236,7 @@ impl Pipeline {
     }
 
     /// Takes a floor that comes with a frame or was learned before it into use, and learns from the decoded frame.
-    fn update_floor(&mut self, background: &mut Option<Floor>) {
+    fn update_floor(&mut self, background: &mut Option<BackgroundModel>) {
         if background.is_some() && self.segmenter.is_none() {
             self.learning = Learning::Idle;
         }
@@ -255,10 +255,10 @@ impl Pipeline {
             Learning::Idle => Learning::Idle,
         };
         if let Some(floor) = background {
-            self.detector.forget_optics();
+            self.detector.forget_blur();
             self.tracker.forget_floor();
             match &mut self.segmenter {
-                Some(segmenter) => segmenter.set_floor(floor),
+                Some(segmenter) => segmenter.set_background(floor),
                 None => self.segmenter = Some(Box::new(Segmenter::new(floor))),
             }
         }

@@ -20,48 +20,50 @@
 //! A reader of standard output that stops reading holds up nothing at a camera: lines are left out, counted and said. For all
 //! other sources it is waited for, until a stop.
 //!
-//! A shortage is counted where it happens, and the [books](Books) are checked at the end.
+//! A shortage is counted where it happens, and the [books](FrameCounts) are checked at the end.
 
-pub mod background;
-mod capture;
+pub(crate) mod capture;
+pub(crate) mod counters;
+mod frame_counts;
 mod heartbeat;
+pub(crate) mod notify;
 mod outage;
 mod pace;
 mod process;
 mod record;
+pub(crate) mod setup;
+pub mod slot;
+pub mod status;
+pub(crate) mod threads;
 
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{channel, sync_channel};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::Context;
 
 use crate::cli::RunArgs;
-use crate::lines::Lines;
-use crate::notify::Notify;
-use crate::publish::Publisher;
-use crate::recording::series::Series;
-use crate::run::capture::{Counters, Orders, capture, open_source};
+use crate::output::lines::Lines;
+use crate::output::mcap::series::Series;
+use crate::output::shared_memory::Publisher;
+use crate::run::capture::{Orders, capture, open_source};
+use crate::run::counters::Counters;
+pub use crate::run::frame_counts::FrameCounts;
 use crate::run::heartbeat::Heartbeat;
+use crate::run::notify::Notify;
 use crate::run::pace::Pace;
 use crate::run::process::{Damage, ProcessStage, Sink};
-use crate::run::record::{FloorWish, Recording, record};
-use crate::setup::Setup;
-use crate::slot::Slot;
+use crate::run::record::{FloorRequest, Recording, record};
+use crate::run::setup::Setup;
+use crate::run::slot::Slot;
+use crate::run::status::{Status, counted, log};
+use crate::run::threads::{SLOTS, joined, spawn};
 use crate::source::Source;
-use crate::status::{Status, counted, tell};
-
-/// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
-const SLOTS: usize = 16;
 
 /// Frames that may wait for the recorder.
 const RECORD_QUEUE: usize = 8;
-
-/// Longest wait before the stop flag and late subscribers are looked after.
-const POLL: Duration = Duration::from_millis(100);
 
 /// How a run ended, apart from errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,55 +74,14 @@ pub enum Completion {
     FramesLost,
 }
 
-/// What became of the frames of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Books {
-    /// Taken from the source.
-    pub captured: u64,
-    /// Thrown away because no slot was free.
-    pub dropped: u64,
-    /// Went through the pipeline.
-    pub processed: u64,
-    /// Passed over for a newer one, or no readable picture.
-    pub skipped: u64,
-    /// Written to the recording; all of those that came by, when there is none.
-    pub recorded: u64,
-    /// Lost from the recording.
-    pub unrecorded: u64,
-}
-
-impl Books {
-    /// Whether every frame is accounted for exactly once.
-    #[must_use]
-    pub fn balance(&self) -> bool {
-        self.captured == self.dropped + self.processed + self.skipped
-            && self.processed + self.skipped == self.recorded + self.unrecorded
-    }
-
-    /// Enters what capture counted. One that was left behind may still count: the run ends with the frames that came from it.
-    fn with_capture(self, counters: &Counters, capture_ended: bool) -> Self {
-        let dropped = counters.dropped.load(Ordering::Acquire);
-        let captured = if capture_ended {
-            counters.captured.load(Ordering::Acquire)
-        } else {
-            dropped + self.processed + self.skipped
-        };
-        Self {
-            captured,
-            dropped,
-            ..self
-        }
-    }
-}
-
 /// Says what a camera gives instead of what was asked for, and what became of its controls when it was started.
-fn tell_camera(source: &Source) {
+pub(crate) fn tell_camera(source: &Source) {
     for note in source.notes() {
-        tell(format_args!("overcam: camera: {note}"));
+        log(format_args!("overcam: camera: {note}"));
     }
     let info = source.info();
     if let (true, Some(controls)) = (info.live, &info.controls) {
-        tell(format_args!("overcam: camera: {controls}"));
+        log(format_args!("overcam: camera: {controls}"));
     }
 }
 
@@ -164,7 +125,7 @@ pub fn run(
         .transpose()?;
     setup.announce(args, &info);
     if let Some(remark) = publisher.as_ref().and_then(Publisher::remark) {
-        tell(format_args!("overcam: {remark}"));
+        log(format_args!("overcam: {remark}"));
     }
     tell_camera(&source);
 
@@ -187,17 +148,17 @@ pub fn run(
         Some(recorder) => {
             let (to_record, queue) = sync_channel(RECORD_QUEUE);
             let back = to_capture.clone();
-            let wish = Arc::new(FloorWish::none());
+            let request = Arc::new(FloorRequest::none());
             let thread = spawn("record", {
-                let wish = Arc::clone(&wish);
-                move || record(recorder, &queue, &back, &wish, &say)
+                let request = Arc::clone(&request);
+                move || record(recorder, &queue, &back, &request, &say)
             })?;
             (
                 Sink::Recorder {
                     to_record,
                     to_capture,
                     wait: !info.live,
-                    wish,
+                    request,
                 },
                 Some(thread),
             )
@@ -219,7 +180,7 @@ pub fn run(
             .transpose()
             .context("the thread for standard output cannot start")?,
         n_scenes: 0,
-        books: Books::default(),
+        counts: FrameCounts::default(),
         light: scene::LIGHT_STEADY,
         heartbeat: Heartbeat::new(info.rate_hz, frame),
         pace: Pace::new(info.size, Instant::now()),
@@ -228,10 +189,10 @@ pub fn run(
         damage: Damage::default(),
     };
     let processed = stage.run(&frames, stop);
-    if processed.is_ok() && stage.n_scenes == 0 && stage.books.processed > 0 {
+    if processed.is_ok() && stage.n_scenes == 0 && stage.counts.processed > 0 {
         stage.explain_silence();
     }
-    let (books, capture_ended) = (stage.books, stage.capture_ended);
+    let (counts, capture_ended) = (stage.counts, stage.capture_ended);
     let n_damaged = stage.damage.count;
     // The recorder ends with the last slot that is sent to it.
     drop((frames, stage));
@@ -239,7 +200,7 @@ pub fn run(
         .map(|thread| joined(thread, "record"))
         .transpose()?;
     for message in said.try_iter() {
-        tell(format_args!("overcam: {message}"));
+        log(format_args!("overcam: {message}"));
     }
     let captured = if capture_ended {
         joined(capture, "capture")?
@@ -247,35 +208,19 @@ pub fn run(
         // It is left behind with the pipe that it reads.
         Ok(())
     };
-    let books = books.with_capture(&counters, capture_ended);
+    let counts = counts.with_capture(&counters, capture_ended);
     counters.faulty.fetch_add(n_damaged, Ordering::AcqRel);
     finish(
-        books,
+        counts,
         &counters,
         recorded,
         processed.and(captured.map_err(Into::into)),
     )
 }
 
-fn spawn<T: Send + 'static>(
-    name: &str,
-    body: impl FnOnce() -> T + Send + 'static,
-) -> anyhow::Result<JoinHandle<T>> {
-    std::thread::Builder::new()
-        .name(name.to_owned())
-        .spawn(body)
-        .with_context(|| format!("the {name} thread cannot start"))
-}
-
-fn joined<T>(thread: JoinHandle<T>, name: &str) -> anyhow::Result<T> {
-    thread.join().map_err(|_| {
-        anyhow::anyhow!("the {name} thread ended by a fault of the program; please report it")
-    })
-}
-
 /// Checks the books, says what they hold, and decides how the run ended.
 fn finish(
-    mut books: Books,
+    mut counts: FrameCounts,
     counters: &Counters,
     recording: Option<Recording>,
     result: anyhow::Result<()>,
@@ -283,27 +228,27 @@ fn finish(
     let mut report = String::new();
     if let Some(recording) = &recording {
         // Frames handed to the recorder that did not get into the file.
-        let lost = books.recorded.saturating_sub(recording.summary.frames);
-        books.recorded -= lost;
-        books.unrecorded += lost;
+        let lost = counts.recorded.saturating_sub(recording.summary.frames);
+        counts.recorded -= lost;
+        counts.unrecorded += lost;
         let megabytes = recording.summary.bytes as f64 / 1e6;
         report = format!(
             "; {} ({megabytes:.1} MB) in {}",
-            counted(books.recorded, "frame"),
+            counted(counts.recorded, "frame"),
             recording.files
         );
-        if books.unrecorded > 0 {
-            report += &format!(", {} lost from it", books.unrecorded);
+        if counts.unrecorded > 0 {
+            report += &format!(", {} lost from it", counts.unrecorded);
         }
     }
-    assert!(books.balance(), "frames are unaccounted for: {books:?}");
-    let Books {
+    assert!(counts.balance(), "frames are unaccounted for: {counts:?}");
+    let FrameCounts {
         captured,
         dropped,
         processed,
         skipped,
         ..
-    } = books;
+    } = counts;
     let (lost, faulty) = (
         counters.lost_by_driver.load(Ordering::Acquire),
         counters.faulty.load(Ordering::Acquire),
@@ -313,13 +258,13 @@ fn finish(
         (0, faulty) => format!(", {faulty} faulty"),
         (lost, faulty) => format!(", {lost} lost by the driver, {faulty} faulty"),
     };
-    tell(format_args!(
+    log(format_args!(
         "overcam: {}: {processed} processed, {skipped} passed over, {dropped} dropped{camera}{report}",
         counted(captured, "frame")
     ));
     result?;
     let lost_from_recording =
-        books.unrecorded > 0 || recording.is_some_and(|recording| recording.error.is_some());
+        counts.unrecorded > 0 || recording.is_some_and(|recording| recording.error.is_some());
     Ok(if lost_from_recording {
         Completion::FramesLost
     } else {
@@ -333,7 +278,7 @@ mod tests {
 
     #[test]
     fn books_balance_only_when_every_frame_is_somewhere() {
-        let books = Books {
+        let counts = FrameCounts {
             captured: 10,
             dropped: 1,
             processed: 7,
@@ -341,18 +286,18 @@ mod tests {
             recorded: 8,
             unrecorded: 1,
         };
-        assert!(books.balance());
+        assert!(counts.balance());
         assert!(
-            !Books {
+            !FrameCounts {
                 captured: 11,
-                ..books
+                ..counts
             }
             .balance()
         );
         assert!(
-            !Books {
+            !FrameCounts {
                 recorded: 7,
-                ..books
+                ..counts
             }
             .balance()
         );
@@ -363,14 +308,14 @@ mod tests {
         let counters = Counters::default();
         // It has just taken a frame that nobody will receive.
         counters.captured.store(8, Ordering::Release);
-        let books = Books {
+        let counts = FrameCounts {
             processed: 5,
             skipped: 2,
             recorded: 7,
-            ..Books::default()
+            ..FrameCounts::default()
         };
-        let left_behind = books.with_capture(&counters, false);
+        let left_behind = counts.with_capture(&counters, false);
         assert!(left_behind.balance() && left_behind.captured == 7);
-        assert!(!books.with_capture(&counters, true).balance());
+        assert!(!counts.with_capture(&counters, true).balance());
     }
 }

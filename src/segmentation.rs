@@ -2,12 +2,9 @@
 //!
 //! Median, difference from the empty floor, threshold on the 3x3 sum, opening, closing, as in the paper; then the shapes are
 //! looked at one by one: too small, too thin or too faint ones are none, and neither are the places that an object has left. The
-//! floor is kept true meanwhile ([`upkeep`]), the light is measured ([`lighting`]).
+//! floor is kept true meanwhile ([`update`](crate::background::update)), the light is measured ([`illumination`](crate::background::illumination)).
 
-mod ghosts;
-mod lighting;
 mod texture;
-mod upkeep;
 
 use imgproc::classes::{BRIGHT, ClassSettings, Difference, FLOOR, STRONG, WindowsMut, classes};
 use imgproc::contour::{
@@ -18,14 +15,14 @@ use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
 use imgproc::noise::frame_noise;
 use imgproc::{Bounds, Point, Size};
 
-use crate::floor::{Floor, denoise};
-use crate::frame::Picture;
+use crate::background::ghosts::{Ghosts, looks_left};
+pub(crate) use crate::background::illumination::Light;
+use crate::background::illumination::{Illumination, SETTLE_FRAMES};
+use crate::background::model::{BackgroundModel, denoise};
+use crate::background::update::BackgroundUpdate;
+use crate::image::frame::Picture;
 use crate::marker::cutout::contour_capacity;
-use ghosts::{Ghosts, looks_left};
-pub(crate) use lighting::Light;
-use lighting::{Lighting, SETTLE_FRAMES};
 use texture::{Evidence, TextureJudge};
-use upkeep::Upkeep;
 
 /// Pixels around objects that do not tell how the floor looks: an object blurs, and lights up what is beside it.
 const MARGIN_PX: usize = 3;
@@ -61,8 +58,8 @@ const CORE_LEAST: f32 = 0.05;
 pub(crate) struct Segmenter {
     size: Size,
     denoised: Picture,
-    upkeep: Upkeep,
-    lighting: Lighting,
+    upkeep: BackgroundUpdate,
+    lighting: Illumination,
     ghosts: Ghosts,
     textures: TextureJudge,
     planes: Planes,
@@ -113,15 +110,15 @@ impl Segmenter {
     /// # Panics
     ///
     /// When the planes of the picture do not have its size.
-    pub(crate) fn new(floor: &Floor) -> Self {
+    pub(crate) fn new(floor: &BackgroundModel) -> Self {
         let size = floor.picture.size;
         let bytes = || vec![0u8; size.area()];
         let words = || vec![0i16; size.area()];
         Self {
             size,
             denoised: Picture::new(size),
-            upkeep: Upkeep::new(floor),
-            lighting: Lighting::new(),
+            upkeep: BackgroundUpdate::new(floor),
+            lighting: Illumination::new(),
             ghosts: Ghosts::new(),
             textures: TextureJudge::new(size),
             planes: Planes {
@@ -151,9 +148,9 @@ impl Segmenter {
     /// # Panics
     ///
     /// When it has another size.
-    pub(crate) fn set_floor(&mut self, floor: &Floor) {
+    pub(crate) fn set_background(&mut self, floor: &BackgroundModel) {
         self.upkeep.set(floor);
-        self.lighting = Lighting::new();
+        self.lighting = Illumination::new();
         self.ghosts = Ghosts::new();
         self.previous.fill(0);
         self.before.fill(0);
@@ -162,7 +159,7 @@ impl Segmenter {
     }
 
     /// The floor as it was kept true so far.
-    pub(crate) fn floor(&self) -> Floor {
+    pub(crate) fn floor(&self) -> BackgroundModel {
         self.upkeep.floor()
     }
 

@@ -1,21 +1,18 @@
 //! Where frames come from: one enum, because its members are known. `kind` tells what a path leads to by what is there, not by its
 //! name.
 //!
-//! [`camera`] captures from a V4L2 device ([`devices`] lists them, `negotiation` chooses among what a camera offers, [`controls`]
-//! locks its exposure and the like, `v4l2` is the kernel's interface and the only file of the program with `unsafe`), [`y4m`] and [`pictures`] read files,
-//! [`replay`](crate::recording::replay) reads recordings, and [`demo`] is the synthetic floor that `render` draws.
+//! [`camera`](crate::camera) captures from a V4L2 device, [`y4m`] and [`folder`] read files, [`replay`] reads recordings and `foreign` what
+//! other programs recorded, and [`demo`] is the synthetic floor that `render` draws. `combing` tells interlaced frames, `damaged` counts
+//! pictures that cannot be read.
 
-pub mod camera;
 mod combing;
-pub mod controls;
 pub(crate) mod damaged;
 pub mod demo;
-pub mod devices;
+pub mod folder;
+pub(crate) mod foreign;
 mod kind;
-mod negotiation;
-pub mod pictures;
 mod render;
-mod v4l2;
+pub mod replay;
 pub mod y4m;
 
 use std::fs::File;
@@ -23,13 +20,13 @@ use std::io::{self, BufReader, Stdin};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use crate::recording::provenance::Provenance;
-use crate::recording::replay::{Recording, ReplayError};
-use crate::slot::{Next, Slot, SourceInfo};
-use crate::source::camera::{Camera, CameraError, Counters, Wish};
+use crate::camera::{Camera, CameraError, CameraRequest, Counters};
+use crate::output::mcap::provenance::Provenance;
+use crate::run::slot::{Next, Slot, SourceInfo};
 use crate::source::demo::Demo;
+use crate::source::folder::{FolderError, Pictures};
 use crate::source::kind::Kind;
-use crate::source::pictures::{PictureError, Pictures};
+use crate::source::replay::{Recording, ReplayError};
 use crate::source::y4m::{Y4m, Y4mError};
 
 /// Frames of any origin.
@@ -88,7 +85,7 @@ pub enum SourceError {
     Y4m(#[from] Y4mError),
     /// From a folder of pictures.
     #[error(transparent)]
-    Pictures(#[from] PictureError),
+    Pictures(#[from] FolderError),
     /// From a recording.
     #[error(transparent)]
     Replay(#[from] ReplayError),
@@ -111,9 +108,9 @@ impl Source {
     /// # Errors
     ///
     /// [`SourceError`] when it is not there, gives no frames, or the wish contains what does not apply to it.
-    pub fn open(device: &str, wish: &Wish) -> Result<Self, SourceError> {
+    pub fn open(device: &str, request: &CameraRequest) -> Result<Self, SourceError> {
         let only = |flags: &[&str], kind: &'static str| {
-            let stray = wish.flags().find(|flag| !flags.contains(flag));
+            let stray = request.flags().find(|flag| !flags.contains(flag));
             stray.map_or(Ok(()), |flag| {
                 let device = device.to_owned();
                 Err(SourceError::Argument { device, flag, kind })
@@ -122,7 +119,7 @@ impl Source {
         if device == "demo" {
             only(&["--size"], "the demo")?;
             return Ok(Self::Demo(Box::new(Demo::new(
-                wish.size.unwrap_or(demo::NATURAL_SIZE),
+                request.size.unwrap_or(demo::NATURAL_SIZE),
             ))));
         }
         if device == "-" {
@@ -145,10 +142,10 @@ impl Source {
             }
         };
         match kind {
-            Kind::Device => Ok(Self::Camera(Box::new(Camera::open(path, wish)?))),
+            Kind::Device => Ok(Self::Camera(Box::new(Camera::open(path, request)?))),
             Kind::Folder => {
                 only(&["--rate"], "a folder of pictures")?;
-                let rate_hz = wish.rate_hz.unwrap_or(pictures::DEFAULT_RATE_HZ);
+                let rate_hz = request.rate_hz.unwrap_or(folder::DEFAULT_RATE_HZ);
                 Ok(Self::Pictures(Pictures::open(path, rate_hz)?))
             }
             Kind::Recording => {
@@ -256,7 +253,7 @@ impl Source {
     ///
     /// [`SourceError`] when the source broke off; it has no more frames then.
     pub fn next(&mut self, slot: &mut Slot) -> Result<Next, SourceError> {
-        slot.passed_over = false;
+        slot.skipped = false;
         slot.background = None;
         Ok(match self {
             Self::Demo(demo) => demo.next(slot),

@@ -1,10 +1,10 @@
 //! What the whole chain finds on the demo floor, against the truth.
 
-use overcam::calibration::{Calibration, PointPair};
+use overcam::geometry::calibration::{Calibration, PointPair};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ, Truth};
 
 fn family() -> Family {

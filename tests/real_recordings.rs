@@ -7,11 +7,11 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-use overcam::frame::Frame;
+use overcam::image::frame::Frame;
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::{Next, Slot, SourceInfo};
 use overcam::settings::Settings;
-use overcam::slot::{Next, Slot, SourceInfo};
 use overcam::source::y4m::Y4m;
 use scene::{Object, Scene};
 

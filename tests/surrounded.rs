@@ -1,12 +1,12 @@
 //! A robot in the corner, in the bay or in the hole of something else is one robot, and the other thing is an obstacle.
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::{Frame, Picture, PixelFormat};
+use overcam::background::model::BackgroundModel;
+use overcam::image::frame::{Frame, Picture, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::Pipeline;
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 use scene::{KIND_MARKER, KIND_OBSTACLE};
 
 const SIZE: Size = Size {
@@ -83,7 +83,7 @@ fn robot_beside(thing: Thing) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
         ..Frame::empty()
     };
     let plane = vec![FLOOR; SIZE.area()];
-    slot.background = Some(Floor::from_picture(&Picture {
+    slot.background = Some(BackgroundModel::from_picture(&Picture {
         size: SIZE,
         red: plane.clone(),
         green: plane.clone(),

@@ -1,12 +1,12 @@
 //! Two boxes that are pushed together are one shape in the picture and stay two objects.
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::{Picture, PixelFormat};
+use overcam::background::model::BackgroundModel;
+use overcam::image::frame::{Picture, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 
 const SIZE: Size = Size {
     width: 320,
@@ -43,7 +43,7 @@ fn two_boxes_touch_and_part_under_their_numbers() {
     let family = Family::from_files(&built_in_files()).expect("the built-in markers are good");
     let mut pipeline = Pipeline::new(SIZE, Some(30.0), Settings::default(), family, None);
     let mut slot = Slot::empty();
-    slot.background = Some(Floor::from_picture(&Picture {
+    slot.background = Some(BackgroundModel::from_picture(&Picture {
         size: SIZE,
         red: vec![FLOOR[0]; SIZE.area()],
         green: vec![FLOOR[1]; SIZE.area()],

@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 use std::{env, fs};
 
 use imgproc::Size;
-use overcam::frame::{Frame, Picture, PixelFormat, decode};
-use overcam::slot::Next;
-use overcam::source::camera::{Camera, CameraError, Counters, Loss, Wish};
-use overcam::source::controls::ControlWish;
-use overcam::source::devices;
+use overcam::camera::controls::ControlRequest;
+use overcam::camera::devices;
+use overcam::camera::{Camera, CameraError, CameraRequest, Counters, Loss};
+use overcam::image::frame::{Frame, Picture, PixelFormat, decode};
+use overcam::run::slot::Next;
 
 const VGA: Size = Size {
     width: 640,
@@ -27,33 +27,36 @@ fn node() -> PathBuf {
 }
 
 /// Without a second of waiting for automatics, which most tests are not about.
-fn open(wish: Wish) -> Camera {
-    let controls = ControlWish {
+fn open(request: CameraRequest) -> Camera {
+    let controls = ControlRequest {
         camera_auto: true,
-        ..wish.controls
+        ..request.controls
     };
-    start(Wish { controls, ..wish })
+    start(CameraRequest {
+        controls,
+        ..request
+    })
 }
 
-fn start(wish: Wish) -> Camera {
-    let mut camera = Camera::open(&node(), &wish).expect("a camera");
+fn start(request: CameraRequest) -> Camera {
+    let mut camera = Camera::open(&node(), &request).expect("a camera");
     camera.start(&AtomicBool::new(false)).expect("it starts");
     camera
 }
 
-fn error(wish: Wish) -> CameraError {
-    Camera::open(&node(), &wish)
+fn error(request: CameraRequest) -> CameraError {
+    Camera::open(&node(), &request)
         .and_then(|mut camera| camera.start(&AtomicBool::new(false)))
         .expect_err("should be refused")
 }
 
-fn small() -> Wish {
-    Wish {
+fn small() -> CameraRequest {
+    CameraRequest {
         size: Some(Size {
             width: 320,
             height: 180,
         }),
-        ..Wish::default()
+        ..CameraRequest::default()
     }
 }
 
@@ -118,9 +121,9 @@ fn bars(frame: &Frame) -> Vec<[i32; 3]> {
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn vivid_shows_the_same_colours_in_every_format() {
-    let rgb = Wish {
+    let rgb = CameraRequest {
         format: Some(PixelFormat::Rgb),
-        ..Wish::default()
+        ..CameraRequest::default()
     };
     let expected = bars(&frames(&mut open(rgb), 1)[0]);
     // White, yellow, cyan, green, magenta, red, blue, black; which of them tells limited from full range.
@@ -134,12 +137,12 @@ fn vivid_shows_the_same_colours_in_every_format() {
         PixelFormat::Grey,
     ] {
         for size in [Some(VGA), small().size] {
-            let wish = Wish {
+            let request = CameraRequest {
                 format: Some(format),
                 size,
-                ..Wish::default()
+                ..CameraRequest::default()
             };
-            let mut camera = open(wish);
+            let mut camera = open(request);
             assert_eq!(
                 (Some(camera.info().size), camera.info().format),
                 (size, format)
@@ -171,7 +174,7 @@ fn vivid_shows_the_same_colours_in_every_format() {
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn vivid_is_asked_for_sensible_things() {
-    let camera = open(Wish::default());
+    let camera = open(CameraRequest::default());
     assert_eq!(camera.info().size, VGA);
     assert_eq!(camera.info().format, PixelFormat::Yuyv);
     assert!(
@@ -182,24 +185,24 @@ fn vivid_is_asked_for_sensible_things() {
     // The driver's highest rate at this size is below the 30 that are asked for.
     assert_eq!(camera.info().rate_hz, Some(25.0));
     drop(camera);
-    let slow = Wish {
+    let slow = CameraRequest {
         rate_hz: Some(10.0),
-        ..Wish::default()
+        ..CameraRequest::default()
     };
     assert_eq!(open(slow).info().rate_hz, Some(10.0));
-    let odd = Wish {
+    let odd = CameraRequest {
         size: Some(Size {
             width: 333,
             height: 77,
         }),
-        ..Wish::default()
+        ..CameraRequest::default()
     };
     let refusal = error(odd);
     assert!(matches!(refusal, CameraError::Size { .. }), "{refusal}");
     assert!(refusal.to_string().contains("640x480"), "{refusal}");
-    let jpeg = Wish {
+    let jpeg = CameraRequest {
         format: Some(PixelFormat::Jpeg),
-        ..Wish::default()
+        ..CameraRequest::default()
     };
     let refusal = error(jpeg);
     assert!(matches!(refusal, CameraError::Format { .. }), "{refusal}");
@@ -209,8 +212,8 @@ fn vivid_is_asked_for_sensible_things() {
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn vivid_is_busy_for_a_second_program() {
-    let mut camera = open(Wish::default());
-    let refusal = error(Wish::default());
+    let mut camera = open(CameraRequest::default());
+    let refusal = error(CameraRequest::default());
     assert!(matches!(refusal, CameraError::Busy { .. }), "{refusal}");
     frames(&mut camera, 3);
 }
@@ -262,13 +265,13 @@ fn vivid_gain_is_locked_and_given_back() {
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn vivid_takes_what_is_given_by_hand_and_refuses_what_it_has_not() {
     set_control("gain_automatic=1");
-    let with = |controls| Wish {
+    let with = |controls| CameraRequest {
         controls,
         ..small()
     };
-    let gain = |gain| ControlWish {
+    let gain = |gain| ControlRequest {
         gain: Some(gain),
-        ..ControlWish::default()
+        ..ControlRequest::default()
     };
     let camera = start(with(gain(7)));
     let report = camera.info().controls.expect("it is started");
@@ -282,9 +285,9 @@ fn vivid_takes_what_is_given_by_hand_and_refuses_what_it_has_not() {
         refusal.ends_with("--gain 256: the camera has 0 to 255 in steps of 1"),
         "{refusal}"
     );
-    let focus = ControlWish {
+    let focus = ControlRequest {
         focus: Some(1),
-        ..ControlWish::default()
+        ..ControlRequest::default()
     };
     let refusal = error(with(focus)).to_string();
     assert!(refusal.contains("has no focus"), "{refusal}");
@@ -328,13 +331,13 @@ fn vivid_failing_calls_are_named() {
         ("inject_vidioc_streamon_error=1", "VIDIOC_STREAMON"),
     ] {
         set_control(control);
-        let error = error(Wish::default());
+        let error = error(CameraRequest::default());
         assert!(
             matches!(error, CameraError::Call { call: found, .. } if found == call),
             "{error}"
         );
     }
-    frames(&mut open(Wish::default()), 3);
+    frames(&mut open(CameraRequest::default()), 3);
 }
 
 #[test]
@@ -360,7 +363,7 @@ fn vivid_counts_and_clocks_may_wrap_around() {
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn vivid_that_vanishes_is_lost_and_can_come_back() {
     for control in ["inject_fatal_streaming_error=1", "disconnect=1"] {
-        let mut camera = open(Wish::default());
+        let mut camera = open(CameraRequest::default());
         let first = frames(&mut camera, 5);
         let before = first.len() as u64;
         set_control(control);
@@ -381,7 +384,7 @@ fn vivid_that_vanishes_is_lost_and_can_come_back() {
         let skipped = camera.counters().lost_by_driver - lost;
         assert_eq!(again[2].sequence, last + 3 + skipped);
         drop(camera);
-        frames(&mut open(Wish::default()), 3);
+        frames(&mut open(CameraRequest::default()), 3);
     }
 }
 
@@ -450,7 +453,7 @@ fn write_feeds() {
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn loopback_raw_frames_are_those_of_the_feed() {
-    let mut camera = start(Wish::default());
+    let mut camera = start(CameraRequest::default());
     let report = camera.info().controls.expect("it is started");
     assert_eq!(report, "no control of exposure, gain, white balance, focus");
     let frames = frames(&mut camera, 30);
@@ -471,7 +474,7 @@ fn loopback_raw_frames_are_those_of_the_feed() {
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn loopback_jpeg_frames_are_those_of_the_feed() {
-    let mut camera = open(Wish::default());
+    let mut camera = open(CameraRequest::default());
     assert_eq!(camera.info().format, PixelFormat::Jpeg);
     assert_eq!(camera.info().size, VGA);
     for frame in frames(&mut camera, 10) {
@@ -487,7 +490,7 @@ fn loopback_jpeg_frames_are_those_of_the_feed() {
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
 fn loopback_that_stalls_ends_with_an_error() {
-    let mut camera = open(Wish::default());
+    let mut camera = open(CameraRequest::default());
     let (frames, error) = capture(&mut camera, 1000);
     let error = error.expect("the feed ends");
     assert!(

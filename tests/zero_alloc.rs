@@ -1,17 +1,17 @@
 //! The pipeline allocates nothing for a frame, and what a frame gives does not depend on the frames that its memory held before.
 //!
-//! An allocator counts; it and `src/source/v4l2.rs` are the only places with `unsafe`.
+//! An allocator counts; it and `src/camera/v4l2.rs` are the only places with `unsafe`.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use overcam::floor;
-use overcam::frame::{Frame, PixelFormat};
+use overcam::background::model;
+use overcam::image::frame::{Frame, PixelFormat};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ};
 use scene::Scene;
 
@@ -191,7 +191,7 @@ fn learning_anew_allocates_only_where_it_is_asked_for() {
 }
 
 /// Frames full of shapes, then the empty floor until all of them are forgotten: all memory is dirty and no track is left.
-fn make_dirty(pipeline: &mut Pipeline, background: &floor::Floor) {
+fn make_dirty(pipeline: &mut Pipeline, background: &model::BackgroundModel) {
     let mut slot = Slot::empty();
     slot.frame.format = PixelFormat::Rgb;
     slot.frame.full_range = true;
@@ -275,6 +275,6 @@ fn numbered_from_one(scene: &Scene) -> String {
         object.track = order as u64 + 1;
     }
     let mut line = Vec::new();
-    overcam::json::write_line(&scene, &mut line).expect("a vector takes it");
+    overcam::output::json::write_line(&scene, &mut line).expect("a vector takes it");
     String::from_utf8(line).expect("JSON is text")
 }

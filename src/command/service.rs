@@ -15,7 +15,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory, value_parser};
 
 use crate::cli::{Cli, RunArgs};
-use crate::publish::user_name;
+use crate::output::shared_memory::user_name;
 use crate::source::SourceError;
 
 /// Where the kernel's stable names of cameras are, the better ones first.

@@ -5,7 +5,7 @@
 
 use imgproc::Bounds;
 
-use crate::frame::Picture;
+use crate::image::frame::Picture;
 
 /// Standard deviation of the chromaticities along their main direction, grey levels, from which on there is a colour.
 const SPREAD_MIN: f32 = 10.0;

@@ -19,7 +19,7 @@ const COLOUR_BLUR: (f32, f32) = (1.3, 0.4);
 
 /// What is known of a camera.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Optics {
+pub(crate) struct BlurEstimate {
     /// Noise of a pixel, grey levels.
     pub(crate) noise: f32,
     ln_blur: f32,
@@ -27,7 +27,7 @@ pub(crate) struct Optics {
     of_colour: bool,
 }
 
-impl Optics {
+impl BlurEstimate {
     pub(crate) fn new() -> Self {
         Self {
             noise: 0.0,

@@ -8,7 +8,7 @@ use imgproc::fit::{Fit, Pose, Within, fit_shape};
 
 use crate::marker::Family;
 use crate::marker::cutout::{Cutout, Figure, Plate, Square};
-use crate::marker::optics::Optics;
+use crate::marker::optics::BlurEstimate;
 use crate::marker::reference::{ORIENTATION_MIN, Reference};
 use crate::marker::template::Pattern;
 
@@ -114,7 +114,7 @@ impl Family {
         &self,
         plate: &Plate<'_>,
         cutout: Cutout<'_>,
-        optics: &Optics,
+        optics: &BlurEstimate,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
         let by_contour = plate
@@ -133,7 +133,7 @@ impl Family {
         starts: [Option<Start>; CANDIDATES],
         plate: Option<&Plate<'_>>,
         cutout: Cutout<'_>,
-        optics: &Optics,
+        optics: &BlurEstimate,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
         let prior = optics.prior(PLATE_LN_SIGMA, settings.misfit_max);
@@ -184,7 +184,7 @@ impl Family {
     fn starts_by_contour(
         &self,
         figure: &Figure<'_>,
-        optics: &Optics,
+        optics: &BlurEstimate,
     ) -> Option<[Option<Start>; CANDIDATES]> {
         let descriptor = describe(&resample(figure.contour), ORIENTATION_MIN).ok()?;
         let candidates = self.candidates(&descriptor);
@@ -202,7 +202,7 @@ impl Family {
         &self,
         square: Square,
         cutout: Cutout<'_>,
-        optics: &Optics,
+        optics: &BlurEstimate,
     ) -> Option<[Option<Start>; CANDIDATES]> {
         let (sin, cos) = square.turn_rad.sin_cos();
         let mut seen = Pattern::of(|[u, v]| {
@@ -311,7 +311,7 @@ fn start(
     figure: &Figure<'_>,
     descriptor: &Descriptor,
     candidate: &Candidate<'_>,
-    optics: &Optics,
+    optics: &BlurEstimate,
 ) -> Pose {
     let (sin, cos) = candidate.turn_rad.sin_cos();
     let from_figure = candidate.reference.centre_from_figure;

@@ -11,9 +11,9 @@ use fourier::matching::distances;
 use fourier::{Complex32, N, wrapped};
 use imgproc::Size;
 
+use crate::geometry::raster::{Vertex, blur, fill_polygon};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::Drawing;
-use crate::raster::{Vertex, blur, fill_polygon};
 
 /// Sides of the rendered plates, in pixels. A figure is compared with the references of the nearest size.
 pub(crate) const PLATES_PX: [f32; 6] = [12.0, 16.0, 24.0, 32.0, 48.0, 80.0];

@@ -3,9 +3,9 @@
 use imgproc::Size;
 use imgproc::fit::Layers;
 
+use crate::geometry::raster::{blur, fill_polygon};
 use crate::marker::drawing::Drawing;
 use crate::marker::reference::placed;
-use crate::raster::{blur, fill_polygon};
 
 /// Samples over the side of a plate.
 const PER_PLATE: usize = 100;

@@ -1,23 +1,24 @@
 //! The capture thread: opens the source and takes frames from it into free slots.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
+use crate::camera::CameraError;
 use crate::cli::SourceArgs;
+use crate::run::counters::Counters;
 use crate::run::outage::Outage;
-use crate::run::{POLL, joined, spawn};
-use crate::slot::{Next, Slot};
-use crate::source::camera::CameraError;
+use crate::run::slot::{Next, Slot};
+use crate::run::threads::{POLL, joined, spawn};
 use crate::source::{Source, SourceError};
 
 /// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
-pub(super) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
+pub(crate) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
     let (to_run, opened) = sync_channel(1);
-    let (device, wish) = (args.device.clone(), args.wish());
+    let (device, request) = (args.device.clone(), args.request());
     let opening = spawn("open", move || {
-        drop(to_run.send(Source::open(&device, &wish)));
+        drop(to_run.send(Source::open(&device, &request)));
     })?;
     loop {
         match opened.recv_timeout(POLL) {
@@ -29,30 +30,19 @@ pub(super) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Resul
     }
 }
 
-/// Counters of the capture thread, which may outlive the run: reading from a pipe cannot be interrupted.
-#[derive(Debug, Default)]
-pub(super) struct Counters {
-    pub(super) captured: AtomicU64,
-    pub(super) dropped: AtomicU64,
-    pub(super) lost_by_driver: AtomicU64,
-    pub(super) faulty: AtomicU64,
-    /// The camera is lost, and waited for.
-    pub(super) is_waiting: AtomicBool,
-}
-
 /// How much the capture thread takes from the source, and in which manner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Orders {
+pub(crate) struct Orders {
     /// Frames come whether or not somebody takes them.
-    pub(super) live: bool,
+    pub(crate) live: bool,
     /// Frames at most.
-    pub(super) limit: u64,
+    pub(crate) limit: u64,
     /// A camera that is lost is waited for.
-    pub(super) waits: bool,
+    pub(crate) waits: bool,
 }
 
 /// The capture thread: takes frames from the source into free slots. What a person should know meanwhile goes to `say`.
-pub(super) fn capture(
+pub(crate) fn capture(
     mut source: Source,
     orders: Orders,
     free: &Receiver<Slot>,
@@ -115,7 +105,7 @@ pub(super) fn capture(
 }
 
 /// The result of the capture thread. If the run was stopped, it may be waiting for a pipe that stays silent; it is left behind then.
-pub(super) fn joined_unless_blocked(
+pub(crate) fn joined_unless_blocked(
     thread: JoinHandle<Result<(), SourceError>>,
     stop: &AtomicBool,
 ) -> anyhow::Result<Result<(), SourceError>> {

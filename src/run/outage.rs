@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
-use crate::run::capture::Counters;
-use crate::source::camera::Loss;
+use crate::camera::Loss;
+use crate::run::counters::Counters;
 use crate::source::{Source, SourceError};
 
 /// From one try to the next. The kernel makes a node within about half a second of the plug.

@@ -28,7 +28,7 @@ const SIZES: [(usize, usize); 9] = [
 pub(super) struct Totals {
     pub(super) captured: u64,
     /// For a newer one, or because no slot was free.
-    pub(super) passed_over: u64,
+    pub(super) skipped: u64,
     pub(super) lost_by_driver: u64,
     pub(super) processed: u64,
 }
@@ -70,9 +70,9 @@ impl Pace {
         (self.start, self.busy) = (totals, Duration::ZERO);
 
         let captured = totals.captured - start.captured;
-        let passed_over = totals.passed_over - start.passed_over;
+        let skipped = totals.skipped - start.skipped;
         let lost = totals.lost_by_driver - start.lost_by_driver;
-        let missed = (passed_over + lost) as f64;
+        let missed = (skipped + lost) as f64;
         if missed < SHARE_MIN * (captured + lost) as f64 || captured == 0 {
             return None;
         }
@@ -92,7 +92,7 @@ impl Pace {
             "other programs keep this machine busy".to_owned()
         };
         Some(format!(
-            "too slow: passed over {passed_over} of {captured} frames in {:.0} s, driver lost {lost}: {frame_ms:.0} ms a frame at \
+            "too slow: passed over {skipped} of {captured} frames in {:.0} s, driver lost {lost}: {frame_ms:.0} ms a frame at \
              {width}x{height}, and one comes every {period_ms:.0} ms; {remedy}",
             elapsed.as_secs_f64()
         ))
@@ -126,11 +126,11 @@ mod tests {
     fn a_camera_that_is_followed_is_not_worth_a_word() {
         let start = Instant::now();
         let mut pace = Pace::new(FULL_HD, start);
-        let totals = |captured, passed_over| Totals {
+        let totals = |captured, skipped| Totals {
             captured,
-            passed_over,
+            skipped,
             lost_by_driver: 0,
-            processed: captured - passed_over,
+            processed: captured - skipped,
         };
         assert_eq!(pace.look(totals(300, 200), start + seconds(9)), None);
         assert_eq!(pace.look(totals(300, 10), start + seconds(10)), None);
@@ -144,7 +144,7 @@ mod tests {
         let mut pace = Pace::new(FULL_HD, start);
         let totals = Totals {
             captured: 300,
-            passed_over: 170,
+            skipped: 170,
             lost_by_driver: 33,
             processed: 130,
         };
@@ -158,7 +158,7 @@ mod tests {
         );
         let later = Totals {
             captured: 600,
-            passed_over: 340,
+            skipped: 340,
             ..totals
         };
         assert_eq!(pace.look(later, start + seconds(69)), None);
@@ -172,7 +172,7 @@ mod tests {
         (0..200).for_each(|_| pace.processed(Duration::from_millis(5)));
         let totals = Totals {
             captured: 300,
-            passed_over: 100,
+            skipped: 100,
             lost_by_driver: 0,
             processed: 200,
         };

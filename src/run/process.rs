@@ -7,20 +7,21 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
-use crate::frame::DecodeError;
-use crate::json;
-use crate::lines::Lines;
-use crate::notify::Notify;
+use crate::image::frame::DecodeError;
+use crate::output::json;
+use crate::output::lines::Lines;
+use crate::output::shared_memory::{Publisher, monotonic_ns};
 use crate::pipeline::Outcome;
-use crate::publish::{Publisher, monotonic_ns};
-use crate::run::capture::Counters;
+use crate::run::counters::Counters;
+use crate::run::frame_counts::FrameCounts;
 use crate::run::heartbeat::Heartbeat;
+use crate::run::notify::Notify;
 use crate::run::pace::{Pace, Totals};
-use crate::run::record::FloorWish;
-use crate::run::{Books, POLL};
-use crate::setup::Setup;
-use crate::slot::Slot;
-use crate::status::{Status, counted, is_broken_pipe};
+use crate::run::record::FloorRequest;
+use crate::run::setup::Setup;
+use crate::run::slot::Slot;
+use crate::run::status::{Status, counted, is_broken_pipe};
+use crate::run::threads::POLL;
 
 /// What the process thread works with.
 pub(super) struct ProcessStage<'a> {
@@ -39,7 +40,7 @@ pub(super) struct ProcessStage<'a> {
     /// The way to standard output, with `--json`.
     pub(super) lines: Option<Lines>,
     pub(super) n_scenes: u64,
-    pub(super) books: Books,
+    pub(super) counts: FrameCounts,
     /// Of the scene before.
     pub(super) light: u32,
     /// What is published while a camera delivers nothing.
@@ -76,8 +77,8 @@ impl ProcessStage<'_> {
         let mut silent_polls = 0;
         self.notify.started();
         loop {
-            let books = &self.books;
-            let status = || format!("{} frames processed", books.processed);
+            let counts = &self.counts;
+            let status = || format!("{} frames processed", counts.processed);
             self.notify.alive(status);
             let slot = match frames.recv_timeout(POLL) {
                 Ok(slot) => slot,
@@ -104,7 +105,7 @@ impl ProcessStage<'_> {
             };
             silent_polls = 0;
             if result.is_err() {
-                self.pass_over(slot);
+                self.skip(slot);
                 continue;
             }
             let slot = self.newest(slot, frames);
@@ -118,7 +119,7 @@ impl ProcessStage<'_> {
         self.pass_on();
         self.status.clear();
         if result.is_ok()
-            && self.books.processed == 0
+            && self.counts.processed == 0
             && let (false, Some(error)) = (self.live, self.damage.first.take())
         {
             result = Err(error);
@@ -135,22 +136,22 @@ impl ProcessStage<'_> {
         while self.live
             && let Ok(newer) = frames.try_recv()
         {
-            self.pass_over(slot);
+            self.skip(slot);
             slot = newer;
         }
         slot
     }
 
-    fn pass_over(&mut self, mut slot: Slot) {
-        slot.passed_over = true;
+    fn skip(&mut self, mut slot: Slot) {
+        slot.skipped = true;
         slot.floor_in_use = None;
-        self.books.skipped += 1;
-        self.sink.take(slot, &mut self.books);
+        self.counts.skipped += 1;
+        self.sink.take(slot, &mut self.counts);
     }
 
     fn process(&mut self, mut slot: Slot, stop: &AtomicBool) -> anyhow::Result<()> {
-        if slot.passed_over {
-            self.pass_over(slot);
+        if slot.skipped {
+            self.skip(slot);
             return Ok(());
         }
         let started = Instant::now();
@@ -158,7 +159,7 @@ impl ProcessStage<'_> {
             .frame(slot.frame.sequence, slot.frame.stamp_ns, started);
         self.pass_on();
         self.setup.choose_background(&mut slot);
-        slot.floor_in_use = if self.sink.wants_floor(&self.books) {
+        slot.floor_in_use = if self.sink.wants_floor(&self.counts) {
             self.setup.pipeline.floor()
         } else {
             None
@@ -166,11 +167,11 @@ impl ProcessStage<'_> {
         let outcome = match self.setup.pipeline.process(&mut slot) {
             Ok(outcome) => outcome,
             Err(error) => {
-                self.pass_over_damaged(slot, error);
+                self.skip_damaged(slot, error);
                 return Ok(());
             }
         };
-        self.books.processed += 1;
+        self.counts.processed += 1;
         if let Some((seen, of)) = self.setup.pipeline.learning_progress() {
             self.status.learning("the empty floor", seen, of);
         }
@@ -189,7 +190,7 @@ impl ProcessStage<'_> {
             };
             self.status.frame(&slot.scene, latency);
         }
-        self.sink.take(slot, &mut self.books);
+        self.sink.take(slot, &mut self.counts);
         self.tell_pace(started);
         result
     }
@@ -201,9 +202,9 @@ impl ProcessStage<'_> {
         let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         let totals = Totals {
             captured: count(&self.counters.captured),
-            passed_over: self.books.skipped + count(&self.counters.dropped),
+            skipped: self.counts.skipped + count(&self.counters.dropped),
             lost_by_driver: count(&self.counters.lost_by_driver),
-            processed: self.books.processed,
+            processed: self.counts.processed,
         };
         if self.live
             && let Some(message) = self.pace.look(totals, now)
@@ -212,7 +213,7 @@ impl ProcessStage<'_> {
         }
     }
 
-    fn pass_over_damaged(&mut self, slot: Slot, error: DecodeError) {
+    fn skip_damaged(&mut self, slot: Slot, error: DecodeError) {
         let sequence = slot.frame.sequence;
         self.damage.count += 1;
         if self.damage.count <= TOLD_MAX {
@@ -228,7 +229,7 @@ impl ProcessStage<'_> {
             let error = anyhow::Error::new(error);
             self.damage.first = Some(error.context(format!("{source}: frame {sequence}")));
         }
-        self.pass_over(slot);
+        self.skip(slot);
     }
 
     /// Says when the light changes, goes out or comes back.
@@ -318,7 +319,7 @@ impl ProcessStage<'_> {
         self.status.say(&format!(
             "no results: all {} went into learning the empty floor; learn from fewer with --learn N, \
              or give a picture of it with --background FILE",
-            counted(self.books.processed, "frame")
+            counted(self.counts.processed, "frame")
         ));
     }
 
@@ -358,24 +359,24 @@ pub(super) enum Sink {
         to_record: SyncSender<Slot>,
         to_capture: SyncSender<Slot>,
         wait: bool,
-        wish: Arc<FloorWish>,
+        request: Arc<FloorRequest>,
     },
 }
 
 impl Sink {
     /// Whether the next slot is to bring the floor that is in use.
-    fn wants_floor(&self, books: &Books) -> bool {
+    fn wants_floor(&self, counts: &FrameCounts) -> bool {
         match self {
             Self::Free(_) => false,
-            Self::Recorder { wish, .. } => wish.holds(books.recorded),
+            Self::Recorder { request, .. } => request.holds(counts.recorded),
         }
     }
 
     /// Passes a slot on and enters it in the books.
-    fn take(&self, slot: Slot, books: &mut Books) {
+    fn take(&self, slot: Slot, counts: &mut FrameCounts) {
         let (rejected, to_capture) = match self {
             Self::Free(to_capture) => {
-                books.recorded += 1;
+                counts.recorded += 1;
                 (Some(slot), to_capture)
             }
             Self::Recorder {
@@ -392,8 +393,8 @@ impl Sink {
                     })
                 };
                 match sent {
-                    Ok(()) => books.recorded += 1,
-                    Err(_) => books.unrecorded += 1,
+                    Ok(()) => counts.recorded += 1,
+                    Err(_) => counts.unrecorded += 1,
                 }
                 (sent.err(), to_capture)
             }
@@ -416,9 +417,9 @@ mod tests {
 
     /// What a stopped stage makes of a frame that comes `late` polls after the stop, and then, if capture ends, of the end:
     /// whether it saw capture end, and its books.
-    fn stopped_stage(live: bool, late: u32, capture_ends: bool) -> (bool, Books) {
+    fn stopped_stage(live: bool, late: u32, capture_ends: bool) -> (bool, FrameCounts) {
         let Cli { run: args, .. } = Cli::parse_from(["overcam"]);
-        let source = Source::open(&args.source.device, &args.source.wish()).expect("the demo");
+        let source = Source::open(&args.source.device, &args.source.request()).expect("the demo");
         let (to_capture, _free) = sync_channel(SLOTS);
         let (_say, said) = std::sync::mpsc::channel();
         let (relearn, stop) = (AtomicBool::new(false), AtomicBool::new(true));
@@ -434,7 +435,7 @@ mod tests {
             relearning: false,
             lines: None,
             n_scenes: 0,
-            books: Books::default(),
+            counts: FrameCounts::default(),
             light: scene::LIGHT_STEADY,
             heartbeat: Heartbeat::new(None, scene::FRAME_IMAGE),
             pace: Pace::new(source.info().size, Instant::now()),
@@ -447,14 +448,14 @@ mod tests {
         let capture = std::thread::spawn(move || {
             std::thread::sleep(late * POLL + POLL / 2);
             let mut slot = Slot::empty();
-            slot.passed_over = true;
+            slot.skipped = true;
             drop(to_process.send(slot));
             if !capture_ends {
                 drop(to_test.send(to_process));
             }
         });
         stage.run(&frames, &stop).expect("no frame is processed");
-        let result = (stage.capture_ended, stage.books);
+        let result = (stage.capture_ended, stage.counts);
         drop(frames);
         capture.join().expect("it ends");
         drop(kept);
@@ -465,21 +466,21 @@ mod tests {
     fn a_frame_that_comes_after_the_stop_is_in_the_books() {
         for live in [true, false] {
             for late in [0, 1, 2] {
-                let (capture_ended, books) = stopped_stage(live, late, true);
+                let (capture_ended, counts) = stopped_stage(live, late, true);
                 assert!(capture_ended);
-                assert_eq!((books.skipped, books.recorded), (1, 1), "{live}, {late}");
+                assert_eq!((counts.skipped, counts.recorded), (1, 1), "{live}, {late}");
             }
         }
     }
 
     #[test]
     fn a_camera_is_waited_for_and_a_silent_pipe_is_not() {
-        let (capture_ended, books) = stopped_stage(true, 6, true);
+        let (capture_ended, counts) = stopped_stage(true, 6, true);
         assert!(capture_ended);
-        assert_eq!(books.skipped, 1);
-        let (capture_ended, books) = stopped_stage(false, 6, false);
+        assert_eq!(counts.skipped, 1);
+        let (capture_ended, counts) = stopped_stage(false, 6, false);
         assert!(!capture_ended);
-        assert_eq!(books, Books::default());
+        assert_eq!(counts, FrameCounts::default());
     }
 
     #[test]
@@ -490,11 +491,11 @@ mod tests {
             to_record,
             to_capture,
             wait: false,
-            wish: Arc::new(FloorWish::none()),
+            request: Arc::new(FloorRequest::none()),
         };
-        let mut books = Books::default();
-        (0..3).for_each(|_| sink.take(Slot::empty(), &mut books));
-        assert_eq!((books.recorded, books.unrecorded), (1, 2));
+        let mut counts = FrameCounts::default();
+        (0..3).for_each(|_| sink.take(Slot::empty(), &mut counts));
+        assert_eq!((counts.recorded, counts.unrecorded), (1, 2));
         assert_eq!((queue.try_iter().count(), free.try_iter().count()), (1, 2));
     }
 }

@@ -3,11 +3,11 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender};
 
-use crate::recording::record::{RecordError, Summary};
-use crate::recording::series::{NextFile, Series};
+use crate::output::mcap::record::{RecordError, Summary};
+use crate::output::mcap::series::{NextFile, Series};
 use crate::run::SLOTS;
-use crate::slot::Slot;
-use crate::status::counted;
+use crate::run::slot::Slot;
+use crate::run::status::counted;
 
 /// Frames' time after which it is said how large the recording grows.
 const MEASURED_NS: u64 = 10_000_000_000;
@@ -24,12 +24,12 @@ pub(super) struct Recording {
 
 /// What the recorder wants of the process thread to begin a new file: the floor that is in use.
 #[derive(Debug)]
-pub(super) struct FloorWish {
+pub(super) struct FloorRequest {
     /// Counted from the first slot that went to the recorder: the first that is to bring it.
     from_slot: AtomicU64,
 }
 
-impl FloorWish {
+impl FloorRequest {
     pub(super) fn none() -> Self {
         Self {
             from_slot: AtomicU64::new(u64::MAX),
@@ -62,7 +62,7 @@ pub(super) fn record(
     mut series: Series,
     queue: &Receiver<Slot>,
     to_capture: &SyncSender<Slot>,
-    wish: &FloorWish,
+    request: &FloorRequest,
     say: &Sender<String>,
 ) -> Recording {
     let mut first_error = None;
@@ -70,7 +70,7 @@ pub(super) fn record(
     let mut growth = Growth::new(series.written());
     for (number, mut slot) in (0..).zip(queue) {
         if !stopped {
-            wish.set(number, series.is_due(&slot));
+            request.set(number, series.is_due(&slot));
             match series.write(&mut slot) {
                 Ok(next_file) => {
                     let grown = growth.look(&series.written(), slot.frame.stamp_ns);

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::status::tell;
+use crate::run::status::log;
 
 /// Most pictures that are told one by one. A long recording may have thousands.
 const TOLD_MAX: u64 = 10;
@@ -15,13 +15,13 @@ pub(crate) struct Damaged {
 
 impl Damaged {
     /// Counts a picture and says why it is passed over; `what` names it.
-    pub(crate) fn pass_over(&mut self, what: impl fmt::Display) {
+    pub(crate) fn skip(&mut self, what: impl fmt::Display) {
         self.count += 1;
         if self.count <= TOLD_MAX {
-            tell(format_args!("overcam: {what}; it is passed over"));
+            log(format_args!("overcam: {what}; it is passed over"));
         }
         if self.count == TOLD_MAX {
-            tell(format_args!(
+            log(format_args!(
                 "overcam: further pictures that cannot be read are counted at the end only"
             ));
         }

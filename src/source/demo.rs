@@ -11,12 +11,12 @@ use std::time::{Duration, Instant};
 
 use imgproc::Size;
 
-use crate::floor;
-use crate::frame::{Frame, PixelFormat};
+use crate::background::model;
+use crate::geometry::raster::Vertex;
+use crate::image::frame::{Frame, PixelFormat};
 use crate::marker;
 use crate::marker::reference::PLATE;
-use crate::raster::Vertex;
-use crate::slot::{Next, Slot, SourceInfo};
+use crate::run::slot::{Next, Slot, SourceInfo};
 use crate::source::render::{Appearance, Layer, Renderer};
 
 /// Frames per second.
@@ -148,8 +148,8 @@ impl Floor {
     /// The empty floor, as a camera without noise sees it in even light. The noise of its frames is unknown: what the median
     /// leaves of it depends on the grain of the floor.
     #[must_use]
-    pub fn background(&self) -> floor::Floor {
-        floor::Floor::from_picture(&self.renderer.background())
+    pub fn background(&self) -> model::BackgroundModel {
+        model::BackgroundModel::from_picture(&self.renderer.background())
     }
 }
 

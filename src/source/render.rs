@@ -7,9 +7,9 @@ use std::f32::consts::TAU;
 
 use imgproc::Size;
 
-use crate::frame::Picture;
+use crate::geometry::raster::{Vertex, blur, fill_polygon};
+use crate::image::frame::Picture;
 use crate::marker::reference::placed;
-use crate::raster::{Vertex, blur, fill_polygon};
 
 /// Blur of the lens, standard deviation in pixels.
 const LENS_BLUR_PX: f32 = 0.6;

@@ -21,10 +21,11 @@ use std::path::Path;
 
 use imgproc::Size;
 
-use crate::frame::{AREA_MAX, Frame, MAX_SIDE, PixelFormat};
-use crate::slot::{Next, SourceInfo};
+use crate::image::frame::{Frame, PixelFormat};
+use crate::image::limits::{AREA_MAX, MAX_SIDE};
+use crate::run::slot::{Next, SourceInfo};
+use crate::run::status::log;
 use crate::source::combing::Combing;
-use crate::status::tell;
 
 /// Longest header line that is read, in bytes. ffmpeg's are about 80.
 const MAX_LINE_BYTES: u64 = 1024;
@@ -316,7 +317,7 @@ impl<R: BufRead> Y4m<R> {
         // Luma comes first in all formats that are read.
         let is_found = combing.add(&frame.bytes[..frame.size.area()]);
         if is_found {
-            tell(format_args!(
+            log(format_args!(
                 "overcam: {}: frame {}: what moves is combed, every other row shows it elsewhere: the frames are interlaced, \
                  whatever the stream says, and robots that move may not be read: convert it with ffmpeg -vf yadif",
                 self.name, frame.sequence

@@ -9,10 +9,10 @@ use std::path::PathBuf;
 use std::{env, fs};
 
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
-use overcam::frame::Frame;
-use overcam::recording::replay::Recording;
-use overcam::slot::{Next, Slot};
+use overcam::image::frame::Frame;
+use overcam::run::slot::{Next, Slot};
 use overcam::source::demo::{Floor, NATURAL_SIZE, Truth};
+use overcam::source::replay::Recording;
 use serde_json::Value;
 
 const SEED: u64 = 5;

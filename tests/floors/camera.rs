@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
-use overcam::frame::{Frame, PixelFormat};
+use overcam::image::frame::{Frame, PixelFormat};
 
 use crate::canvas::Canvas;
 use crate::light::Light;
@@ -152,7 +152,7 @@ fn yuv(rgb: [u8; 3]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use imgproc::Size;
-    use overcam::frame::{Picture, decode};
+    use overcam::image::frame::{Picture, decode};
 
     use super::*;
     use crate::floor::Floor;

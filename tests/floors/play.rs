@@ -3,11 +3,11 @@
 use std::sync::LazyLock;
 
 use imgproc::Size;
-use overcam::frame::{Picture, decode};
+use overcam::image::frame::{Picture, decode};
 use overcam::marker::{Family, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 use scene::Scene;
 
 use crate::camera::Camera;
@@ -46,7 +46,9 @@ impl Play {
         let mut picture = Picture::new(empty.size);
         Camera::ideal().expose(empty, &Light::EVEN, &mut play.slot.frame);
         decode(&play.slot.frame, &mut picture).expect("a drawn frame decodes");
-        play.slot.background = Some(overcam::floor::Floor::from_picture(&picture));
+        play.slot.background = Some(overcam::background::model::BackgroundModel::from_picture(
+            &picture,
+        ));
         play
     }
 

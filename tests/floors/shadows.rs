@@ -3,7 +3,7 @@
 //! What counts as soft and hard is decided by the light that is left at each pixel, so that the penumbra of a hard shadow
 //! counts as what it is.
 
-use overcam::frame::Frame;
+use overcam::image::frame::Frame;
 
 use crate::body::{BLACK, Body, Paint, Shape};
 use crate::camera::{Camera, Encoding};

@@ -4,8 +4,8 @@ use imgproc::Size;
 use overcam::marker::drawing::{Drawing, read_drawing};
 use overcam::marker::{Family, MarkerFile, built_in_files};
 use overcam::pipeline::{Outcome, Pipeline};
+use overcam::run::slot::Slot;
 use overcam::settings::Settings;
-use overcam::slot::Slot;
 use scene::MAX_OBJECTS;
 
 use crate::random::Random;

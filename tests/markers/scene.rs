@@ -1,7 +1,7 @@
 //! Floors with plates on them, drawn point by point, with their truth.
 
 use imgproc::Size;
-use overcam::frame::{Frame, PixelFormat};
+use overcam::image::frame::{Frame, PixelFormat};
 
 use crate::random::Random;
 

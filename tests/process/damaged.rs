@@ -10,12 +10,12 @@ use foxglove::messages::{CompressedImage, Timestamp};
 use imgproc::Size;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use mcap::records::MessageHeader;
-use overcam::floor::Floor;
-use overcam::frame::{Frame, PixelFormat};
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::provenance::Provenance;
-use overcam::recording::record::Recorder;
-use overcam::slot::{Next, Slot, SourceInfo};
+use overcam::background::model::BackgroundModel;
+use overcam::image::frame::{Frame, PixelFormat};
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::provenance::Provenance;
+use overcam::output::mcap::record::Recorder;
+use overcam::run::slot::{Next, Slot, SourceInfo};
 use overcam::source::demo::Demo;
 use serde_json::Value;
 
@@ -29,7 +29,7 @@ const N_FRAMES: u64 = 60;
 const PERIOD_NS: u64 = 33_333_333;
 
 /// Frames of the demo as JPEG pictures, as cameras and programs write them, and its empty floor.
-static DEMO: LazyLock<(Vec<Vec<u8>>, Floor)> = LazyLock::new(|| {
+static DEMO: LazyLock<(Vec<Vec<u8>>, BackgroundModel)> = LazyLock::new(|| {
     let mut demo = Demo::new(SIZE);
     let mut slot = Slot::empty();
     let mut floor = None;

@@ -6,11 +6,11 @@ use std::path::Path;
 use std::process::Stdio;
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::Picture;
-use overcam::recording::replay::Recording;
-use overcam::slot::{Next, Slot};
-use overcam::source::pictures::write_png;
+use overcam::background::model::BackgroundModel;
+use overcam::image::frame::Picture;
+use overcam::image::picture_file::write_png;
+use overcam::run::slot::{Next, Slot};
+use overcam::source::replay::Recording;
 use serde_json::Value;
 
 use crate::fixture::{
@@ -68,7 +68,7 @@ fn a_floor_from_a_file_gives_the_results_of_one_that_was_just_learned() {
     // A file that is there already is replaced, and nothing is left beside it.
     fs::write(path("floor.png"), "old").expect("it can be written");
     printed(folder.path(), &background);
-    let floor = Floor::read(&path("floor.png"), None).expect("it is a floor");
+    let floor = BackgroundModel::read(&path("floor.png"), None).expect("it is a floor");
     assert!(floor.noise.iter().all(|&noise| noise > 0));
     let names = fs::read_dir(folder.path()).expect("it can be listed");
     assert_eq!(names.count(), 3, "the stream, the floor and the markers");

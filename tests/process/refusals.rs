@@ -5,8 +5,8 @@ use std::path::Path;
 
 use imgproc::Size;
 use jpeg_encoder::{ColorType, Encoder};
-use overcam::frame::Picture;
-use overcam::source::pictures::write_png;
+use overcam::image::frame::Picture;
+use overcam::image::picture_file::write_png;
 
 use crate::fixture::{
     Ended, PLAIN, Pairs, STRAIGHT, folder, printed, run, sequence_of, write_calibration,

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::Command;
 
 use imgproc::Size;
-use overcam::frame::Picture;
-use overcam::source::pictures::write_png;
+use overcam::image::frame::Picture;
+use overcam::image::picture_file::write_png;
 
 use crate::fixture::{
     HEIGHT, STRAIGHT, WIDTH, folder, parse, printed, run, sequence_of, write_calibration,

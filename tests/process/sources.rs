@@ -7,8 +7,8 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use overcam::frame::Picture;
-use overcam::source::pictures::write_png;
+use overcam::image::frame::Picture;
+use overcam::image::picture_file::write_png;
 
 use crate::fixture::{PLAIN, Running, folder, overcam, parse, printed, run, write_y4m, y4m};
 use crate::refusals::assert_refused;

@@ -5,11 +5,11 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use overcam::frame::PixelFormat;
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::record::{FLUSH_INTERVAL_NS, Recorder};
-use overcam::recording::recover::recover;
-use overcam::recording::replay::{After, Recording, ReplayError};
+use overcam::image::frame::PixelFormat;
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::record::{FLUSH_INTERVAL_NS, Recorder};
+use overcam::output::mcap::recover::recover;
+use overcam::source::replay::{After, Recording, ReplayError};
 use proptest::prelude::*;
 
 use crate::fixture::{

@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use imgproc::Size;
-use overcam::floor::Floor;
-use overcam::frame::{Frame, Picture, PixelFormat};
+use overcam::background::model::BackgroundModel;
+use overcam::image::frame::{Frame, Picture, PixelFormat};
 use overcam::marker::MarkerFile;
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::provenance::Provenance;
-use overcam::recording::record::{Recorder, Summary};
-use overcam::recording::replay::{Recording, ReplayError};
-use overcam::slot::{Next, Slot, SourceInfo};
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::provenance::Provenance;
+use overcam::output::mcap::record::{Recorder, Summary};
+use overcam::run::slot::{Next, Slot, SourceInfo};
+use overcam::source::replay::{Recording, ReplayError};
 use scene::{
     FRAME_FLOOR, ForecastPoint, HAS_HEADING, KIND_MARKER, KIND_OBSTACLE, OBSERVED, Object, Scene,
 };
@@ -63,14 +63,14 @@ pub(crate) fn noise(seed: u64, n_bytes: usize) -> Vec<u8> {
     (0..n_bytes).map(|_| next()).collect()
 }
 
-pub(crate) fn floor(seed: u64, size: Size) -> Floor {
+pub(crate) fn floor(seed: u64, size: Size) -> BackgroundModel {
     let picture = Picture {
         size,
         red: noise(seed, size.area()),
         green: noise(seed + 1, size.area()),
         blue: noise(seed + 2, size.area()),
     };
-    Floor {
+    BackgroundModel {
         picture,
         noise: noise(seed + 3, size.area()),
     }
@@ -124,7 +124,7 @@ pub(crate) fn slot(format: PixelFormat, size: Size, sequence: u64, stamp_ns: u64
             size,
             bytes: noise(sequence, n_bytes),
         },
-        passed_over: false,
+        skipped: false,
         background: None,
         floor_in_use: None,
         scene: scene(sequence, stamp_ns),
@@ -142,9 +142,9 @@ pub(crate) fn slots(format: PixelFormat, n: u64, first_ns: u64) -> Vec<Slot> {
 pub(crate) fn eventful_slots(format: PixelFormat, first_ns: u64) -> Vec<Slot> {
     let mut slots = slots(format, 40, first_ns);
     slots[0].background = Some(floor(100, SIZE));
-    slots[7].passed_over = true;
+    slots[7].skipped = true;
     slots[20].background = Some(floor(200, SIZE));
-    slots[20].passed_over = true;
+    slots[20].skipped = true;
     slots[21].frame.full_range = true;
     for slot in &mut slots[30..] {
         slot.frame.sequence += 5;
@@ -172,8 +172,8 @@ pub(crate) struct Played {
     pub(crate) full_range: bool,
     pub(crate) size: Size,
     pub(crate) bytes: Vec<u8>,
-    pub(crate) passed_over: bool,
-    pub(crate) background: Option<Floor>,
+    pub(crate) skipped: bool,
+    pub(crate) background: Option<BackgroundModel>,
 }
 
 pub(crate) fn played(slot: &Slot) -> Played {
@@ -184,7 +184,7 @@ pub(crate) fn played(slot: &Slot) -> Played {
         full_range: slot.frame.full_range,
         size: slot.frame.size,
         bytes: slot.frame.bytes.clone(),
-        passed_over: slot.passed_over,
+        skipped: slot.skipped,
         background: slot.background.clone(),
     }
 }
@@ -196,7 +196,7 @@ pub(crate) fn play(path: &Path) -> (Vec<Played>, Option<ReplayError>) {
     };
     // Leftovers of an earlier frame must not show.
     let mut slot = slot(PixelFormat::Rgb, SIZE, 999, 999);
-    slot.passed_over = true;
+    slot.skipped = true;
     slot.background = Some(floor(1, SIZE));
     let mut frames = Vec::new();
     loop {

@@ -5,10 +5,10 @@ use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-use overcam::frame::PixelFormat;
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::record::{RecordError, Recorder};
-use overcam::recording::replay::ReplayError;
+use overcam::image::frame::PixelFormat;
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::record::{RecordError, Recorder};
+use overcam::source::replay::ReplayError;
 
 use crate::fixture::{
     Played, SIZE, assert_one_line, folder, info, play, played, provenance, slots,

@@ -8,10 +8,10 @@ use std::process::Command;
 use foxglove::Encode;
 use foxglove::messages::{Log, RawImage};
 use mcap::records::MessageHeader;
-use overcam::frame::PixelFormat;
-use overcam::recording::provenance::Provenance;
-use overcam::recording::recover::recover;
-use overcam::recording::replay::{Recording, ReplayError};
+use overcam::image::frame::PixelFormat;
+use overcam::output::mcap::provenance::Provenance;
+use overcam::output::mcap::recover::recover;
+use overcam::source::replay::{Recording, ReplayError};
 
 use crate::fixture::{
     Played, SIZE, assert_one_line, eventful_slots, folder, info, play, record, scene,

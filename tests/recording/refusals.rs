@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use overcam::frame::PixelFormat;
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::record::{RecordError, Recorder};
-use overcam::recording::recover::{RecoverError, recover};
+use overcam::image::frame::PixelFormat;
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::record::{RecordError, Recorder};
+use overcam::output::mcap::recover::{RecoverError, recover};
 
 use crate::fixture::{SIZE, assert_one_line, folder, info, play, provenance, record, slots};
 

@@ -2,11 +2,11 @@
 
 use std::fs;
 
-use overcam::frame::{Frame, Picture, PixelFormat, decode};
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::record::{Recorder, Summary};
-use overcam::recording::replay::Recording;
-use overcam::slot::SourceInfo;
+use overcam::image::frame::{Frame, Picture, PixelFormat, decode};
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::record::{Recorder, Summary};
+use overcam::run::slot::SourceInfo;
+use overcam::source::replay::Recording;
 
 use crate::fixture::{
     Played, SIZE, eventful_slots, folder, info, play, played, provenance, record, slots,
@@ -31,7 +31,7 @@ fn every_stored_format_comes_back_as_it_was() {
             let bytes = fs::metadata(&path).expect("the file is there").len();
             let expected = Summary {
                 frames: 40,
-                passed_over: 2,
+                skipped: 2,
                 missing: 5,
                 bytes,
             };

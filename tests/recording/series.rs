@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use overcam::frame::PixelFormat;
-use overcam::recording::image_message::ImageMode;
-use overcam::recording::record::{RecordError, Summary};
-use overcam::recording::replay::Recording;
-use overcam::recording::series::{Limits, NextFile, Series};
-use overcam::slot::Slot;
+use overcam::image::frame::PixelFormat;
+use overcam::output::foxglove::image_message::ImageMode;
+use overcam::output::mcap::record::{RecordError, Summary};
+use overcam::output::mcap::series::{Limits, NextFile, Series};
+use overcam::run::slot::Slot;
+use overcam::source::replay::Recording;
 
 use crate::fixture::{
     PERIOD_NS, Played, SIZE, assert_one_line, eventful_slots, floor, folder, info, play, played,
@@ -121,14 +121,14 @@ fn gaps_and_new_floors_at_a_border_are_told_once() {
     let mut slots = eventful_slots(PixelFormat::Yuyv, 0);
     let (next_files, summary) = record(&path, false, MINUTES, &mut slots);
     assert_eq!(
-        (summary.frames, summary.passed_over, summary.missing),
+        (summary.frames, summary.skipped, summary.missing),
         (40, 2, 5)
     );
     let mut paths = vec![path];
     paths.extend(next_files.into_iter().map(|next| next.path));
     let files = play_all(&paths);
     let second = &files[2][0];
-    assert_eq!((second.sequence, second.passed_over), (20, true));
+    assert_eq!((second.sequence, second.skipped), (20, true));
     assert_eq!(second.background, Some(floor(200, SIZE)));
     let after_gap = &files[3][0];
     assert_eq!(after_gap.sequence, 35);

@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use overcam::json;
-use overcam::publish::{PublishError, Publisher, SUBSCRIBER_BUFFER, monotonic_ns};
-use overcam::watch::{WatchError, watch};
+use overcam::command::watch::{WatchError, watch};
+use overcam::output::json;
+use overcam::output::shared_memory::{PublishError, Publisher, SUBSCRIBER_BUFFER, monotonic_ns};
 use scene::{
     CLOCK_MONOTONIC, ForecastPoint, HAS_HEADING, KIND_MARKER, OBSERVED, SERVICE_SUFFIX, Scene,
 };
@@ -321,15 +321,15 @@ fn a_killed_subscriber_is_cleared_away_while_the_publisher_goes_on() {
 
     // A look at the books of the service, by somebody who clears nothing away while looking.
     let node = node();
-    let books = node
+    let counts = node
         .service_builder(&full_name(&service))
         .publish_subscribe::<Scene>()
         .open()
         .expect("the layout is ours");
-    assert_eq!(books.dynamic_config().number_of_subscribers(), 1);
+    assert_eq!(counts.dynamic_config().number_of_subscribers(), 1);
     victim.kill();
     let deadline = Instant::now() + PATIENCE;
-    while books.dynamic_config().number_of_subscribers() > 0 {
+    while counts.dynamic_config().number_of_subscribers() > 0 {
         publisher.send(&scene).expect("the publisher goes on");
         scene.sequence += 1;
         assert!(Instant::now() < deadline, "its place is never given back");
@@ -339,7 +339,7 @@ fn a_killed_subscriber_is_cleared_away_while_the_publisher_goes_on() {
     let next = Process::with_role("watch", &service);
     next.next_sequence(&mut publisher, &mut scene);
     assert_eq!(next.end().0, Some(0));
-    drop((publisher, books, node));
+    drop((publisher, counts, node));
     assert!(!exists(&service), "something was left behind");
 }
 

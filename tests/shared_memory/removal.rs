@@ -5,7 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
-use overcam::publish::{PublishError, Publisher};
+use overcam::output::shared_memory::{PublishError, Publisher};
 use scene::Scene;
 
 use crate::{PATIENCE, Process, exists, full_name, node, sequence_of, unique};

@@ -9,8 +9,8 @@ use imgproc::isoline::follow_isoline;
 use imgproc::{Point, Size};
 use resvg::tiny_skia::{Color, Pixmap, Transform};
 
+use crate::geometry::raster::fill_polygon;
 use crate::marker::drawing::content::luma;
-use crate::raster::fill_polygon;
 
 /// Pixels of the side of the plate where a picture is compared with an outline, and where an outline is taken from it.
 pub(super) const COMPARED: usize = 1024;

@@ -1,0 +1,359 @@
+//! The floor that frames are compared with, kept true from frame to frame.
+//!
+//! What is known of the floor changes in four ways, none of which can make a parked robot part of it:
+//!
+//! * Where the floor is seen, it follows the frames slowly ([`BackgroundUpdate::follow`]). Where something stands, it is scaled as the
+//!   floor beside it is: light that moves over a room goes on under a robot.
+//! * When the light has changed at once, a coarse field of ratios is fitted to all that is not covered
+//!   ([`BackgroundUpdate::relight`]). The floor in the light before is remembered, and returns with that light ([`BackgroundUpdate::recall`]).
+//! * What turned out to be floor is taken over from the frame ([`BackgroundUpdate::take`]): a place that an object has left.
+//! * A new picture replaces everything ([`BackgroundUpdate::set`]).
+
+use imgproc::difference::{Colour, Gains, NoiseSettings, Reference, ReferenceMut, prepare};
+use imgproc::{Bounds, Size};
+
+use crate::background::illumination::fit;
+use crate::background::model::BackgroundModel;
+use crate::image::frame::Picture;
+
+/// In this many frames every row is looked after once.
+const BANDS: usize = 32;
+
+/// The floor moves by this share towards the frame each time.
+const FOLLOW: i32 = 16;
+
+/// And by no more than this, in 256ths of a level: a quarter of a level.
+const FOLLOW_MAX: i32 = 64;
+
+/// Side of the cells in which light is taken as one, in pixels.
+const CELL: usize = 32;
+
+/// Most cells in a row or column: pictures that are larger have larger cells.
+const CELLS_MAX: usize = 32;
+
+/// Least share of a cell that must be seen to tell its light.
+const SEEN_LEAST: usize = 4;
+
+/// A remembered floor must explain so much more of a frame, as a share of the picture.
+const RECALL_LEAST: f32 = 0.1;
+
+/// A pixel is explained by a floor within so many levels.
+const EXPLAINED_WITHIN: f32 = 6.0;
+
+/// One pixel in so many is asked what explains a frame; no divisor of usual widths.
+const EXPLAINED_STRIDE: usize = 37;
+
+/// What pixels vary without anything standing on them, see [`NoiseSettings`].
+const NOISE: NoiseSettings = NoiseSettings {
+    least: 1.5,
+    light: 0.01,
+    colour: 0.015,
+    displacement_px: 0.5,
+};
+
+/// The floor and what comparing needs of it.
+#[derive(Debug)]
+pub(crate) struct BackgroundUpdate {
+    size: Size,
+    /// Red, green and blue in 256ths of a level.
+    channels: [Vec<u16>; 3],
+    /// The floor in the light before the last change, if `remembers`.
+    remembered: [Vec<u16>; 3],
+    remembers: bool,
+    noise: Vec<u8>,
+    level: Vec<u16>,
+    red_share: Vec<u16>,
+    blue_share: Vec<u16>,
+    light_scale: Vec<i16>,
+    colour_scale: Vec<i16>,
+    next_row: usize,
+}
+
+impl BackgroundUpdate {
+    pub(crate) fn new(floor: &BackgroundModel) -> Self {
+        let size = floor.picture.size;
+        let fine = || vec![0u16; size.area()];
+        let mut upkeep = Self {
+            size,
+            channels: [fine(), fine(), fine()],
+            remembered: [fine(), fine(), fine()],
+            remembers: false,
+            noise: vec![0; size.area()],
+            level: fine(),
+            red_share: fine(),
+            blue_share: fine(),
+            light_scale: vec![0; size.area()],
+            colour_scale: vec![0; size.area()],
+            next_row: 0,
+        };
+        upkeep.set(floor);
+        upkeep
+    }
+
+    /// Forgets everything but this floor.
+    ///
+    /// # Panics
+    ///
+    /// When it has another size.
+    pub(crate) fn set(&mut self, floor: &BackgroundModel) {
+        let picture = &floor.picture;
+        assert_eq!(picture.size, self.size, "a floor has another size");
+        let planes = [&picture.red, &picture.green, &picture.blue];
+        for (channel, plane) in self.channels.iter_mut().zip(planes) {
+            for (value, &level) in channel.iter_mut().zip(plane) {
+                *value = u16::from(level) << 8;
+            }
+        }
+        self.noise.copy_from_slice(&floor.noise);
+        self.next_row = 0;
+        self.remembers = false;
+        self.prepare(0, self.size.height);
+    }
+
+    /// The floor as it is now, rounded to whole levels.
+    pub(crate) fn floor(&self) -> BackgroundModel {
+        let [red, green, blue] = [0, 1, 2].map(|i: usize| {
+            let levels = self.channels[i].iter();
+            levels
+                .map(|&value| ((u32::from(value) + 128) >> 8).min(255) as u8)
+                .collect()
+        });
+        BackgroundModel {
+            picture: Picture {
+                size: self.size,
+                red,
+                green,
+                blue,
+            },
+            noise: self.noise.clone(),
+        }
+    }
+
+    /// What frames are compared with.
+    pub(crate) fn reference(&self) -> Reference<'_> {
+        Reference {
+            level: &self.level,
+            red_share: &self.red_share,
+            blue_share: &self.blue_share,
+            light_scale: &self.light_scale,
+            colour_scale: &self.colour_scale,
+        }
+    }
+
+    /// Red, green and blue in 256ths of a level.
+    pub(crate) fn channels(&self) -> &[Vec<u16>; 3] {
+        &self.channels
+    }
+
+    /// Keeps a copy of the floor as it is, for when its light returns.
+    pub(crate) fn remember(&mut self) {
+        for (kept, channel) in self.remembered.iter_mut().zip(&self.channels) {
+            kept.copy_from_slice(channel);
+        }
+        self.remembers = true;
+    }
+
+    /// Exchanges the floor for the remembered one if that explains more of the frame. Whether it does.
+    pub(crate) fn recall(&mut self, frame: &Picture, covered: &[u8]) -> bool {
+        let better = self.remembers
+            && explained(frame, &self.remembered, covered)
+                > explained(frame, &self.channels, covered) + RECALL_LEAST;
+        if better {
+            std::mem::swap(&mut self.channels, &mut self.remembered);
+            self.prepare(0, self.size.height);
+        }
+        better
+    }
+
+    /// Moves a band of rows towards the frame, where `covered` is 0; elsewhere the floor changes as its neighbours do.
+    pub(crate) fn follow(&mut self, frame: &Picture, gains: Gains, covered: &[u8]) {
+        let Size { width, height } = self.size;
+        let first = self.next_row;
+        let end = (first + height.div_ceil(BANDS)).min(height);
+        self.next_row = if end == height { 0 } else { end };
+        let to_floor = [gains.red, gains.green, gains.blue].map(|gain| 256.0 / gain.max(0.05));
+        let planes = [&frame.red, &frame.green, &frame.blue];
+        for ((channel, plane), to_floor) in self.channels.iter_mut().zip(planes).zip(to_floor) {
+            let mut band = (0u64, 0u64);
+            // The band's own ratio is known after it only; cells that are wholly covered have the one so far.
+            for start in (0..width).step_by(CELL) {
+                let columns = start..(start + CELL).min(width);
+                let (mut before, mut after, mut seen) = (0u64, 0u64, 0usize);
+                for y in first..end {
+                    for i in y * width + columns.start..y * width + columns.end {
+                        if covered[i] == 0 && plane[i] < 250 {
+                            let old = i32::from(channel[i]);
+                            let new = (f32::from(plane[i]) * to_floor).min(65280.0) as i32;
+                            let step = ((new - old) / FOLLOW).clamp(-FOLLOW_MAX, FOLLOW_MAX);
+                            channel[i] = (old + step) as u16;
+                            before += old as u64;
+                            after += (old + step) as u64;
+                            seen += 1;
+                        }
+                    }
+                }
+                band = (band.0 + before, band.1 + after);
+                if seen * SEEN_LEAST < columns.len() * (end - first) {
+                    (before, after) = band;
+                }
+                if before == 0 || before == after {
+                    continue;
+                }
+                for y in first..end {
+                    for i in y * width + columns.start..y * width + columns.end {
+                        if covered[i] != 0 {
+                            let scaled = (u64::from(channel[i]) * after + before / 2) / before;
+                            channel[i] = scaled.min(65280) as u16;
+                        }
+                    }
+                }
+            }
+        }
+        self.prepare(first, end);
+    }
+
+    /// Fits the floor to a light that falls otherwise than before: a smooth field of ratios, one a channel, from all that is not
+    /// covered.
+    pub(crate) fn relight(&mut self, frame: &Picture, gains: Gains, covered: &[u8]) {
+        let Size { width, height } = self.size;
+        let cell = CELL.max(width.max(height).div_ceil(CELLS_MAX));
+        let (columns, rows) = (width.div_ceil(cell), height.div_ceil(cell));
+        let inverse = [gains.red, gains.green, gains.blue].map(|gain| 256.0 / gain.max(0.05));
+        let planes = [&frame.red, &frame.green, &frame.blue];
+        for ((channel, plane), inverse) in self.channels.iter_mut().zip(planes).zip(inverse) {
+            let mut ratios = [[None; CELLS_MAX]; CELLS_MAX];
+            for (row, ratios) in ratios[..rows].iter_mut().enumerate() {
+                for (column, ratio) in ratios[..columns].iter_mut().enumerate() {
+                    let (mut floor, mut seen, mut n, mut all) = (0u64, 0f32, 0, 0);
+                    for y in row * cell..((row + 1) * cell).min(height) {
+                        for x in column * cell..((column + 1) * cell).min(width) {
+                            let i = y * width + x;
+                            all += 1;
+                            if covered[i] == 0 && plane[i] < 250 {
+                                floor += u64::from(channel[i]);
+                                seen += f32::from(plane[i]) * inverse;
+                                n += 1;
+                            }
+                        }
+                    }
+                    *ratio =
+                        (n * 2 >= all && floor > 0).then(|| (seen / floor as f32).clamp(0.25, 4.0));
+                }
+            }
+            let smooth = smoothed(&ratios, columns, rows);
+            for y in 0..height {
+                for x in 0..width {
+                    let at = |v: usize, n: usize| {
+                        ((v as f32 + 0.5) / cell as f32 - 0.5).clamp(0.0, (n - 1) as f32)
+                    };
+                    let (cx, cy) = (at(x, columns), at(y, rows));
+                    let (x0, y0) = (cx as usize, cy as usize);
+                    let (x1, y1) = ((x0 + 1).min(columns - 1), (y0 + 1).min(rows - 1));
+                    let (fx, fy) = (cx - x0 as f32, cy - y0 as f32);
+                    let upper = smooth[y0][x0] * (1.0 - fx) + smooth[y0][x1] * fx;
+                    let lower = smooth[y1][x0] * (1.0 - fx) + smooth[y1][x1] * fx;
+                    let value = &mut channel[y * width + x];
+                    let scaled = f32::from(*value) * (upper * (1.0 - fy) + lower * fy);
+                    *value = scaled.min(65280.0) as u16;
+                }
+            }
+        }
+        self.prepare(0, height);
+    }
+
+    /// Takes the frame for floor within `bounds`, where `shape`, a plane of the size of `bounds`, is not 0.
+    pub(crate) fn take(&mut self, frame: &Picture, gains: Gains, bounds: Bounds, shape: &[u8]) {
+        let inverse = [gains.red, gains.green, gains.blue].map(|gain| 256.0 / gain.max(0.05));
+        let planes = [&frame.red, &frame.green, &frame.blue];
+        let width = bounds.size().width;
+        for ((channel, plane), inverse) in self.channels.iter_mut().zip(planes).zip(inverse) {
+            for (y, row) in shape.chunks_exact(width).enumerate() {
+                let start =
+                    (usize::from(bounds.top) + y) * self.size.width + usize::from(bounds.left);
+                for (i, _) in row.iter().enumerate().filter(|(_, set)| **set != 0) {
+                    let level = f32::from(plane[start + i]) * inverse;
+                    channel[start + i] = level.min(65280.0) as u16;
+                }
+            }
+        }
+        let first = usize::from(bounds.top).saturating_sub(1);
+        self.prepare(
+            first,
+            (usize::from(bounds.bottom) + 2).min(self.size.height),
+        );
+    }
+
+    fn prepare(&mut self, first: usize, end: usize) {
+        let [red, green, blue] = &self.channels;
+        let floor = Colour { red, green, blue };
+        let mut reference = ReferenceMut {
+            level: &mut self.level,
+            red_share: &mut self.red_share,
+            blue_share: &mut self.blue_share,
+            light_scale: &mut self.light_scale,
+            colour_scale: &mut self.colour_scale,
+        };
+        prepare(
+            floor,
+            &self.noise,
+            self.size,
+            first..end,
+            &mut reference,
+            &NOISE,
+        );
+    }
+}
+
+/// Share of the frame that a floor explains, in whatever exposure, where `covered` is 0.
+fn explained(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8]) -> f32 {
+    let gains = fit(frame, floor, covered, Gains::NONE);
+    let factors = [gains.red, gains.green, gains.blue].map(|gain| gain / 256.0);
+    let planes = [&frame.red, &frame.green, &frame.blue];
+    let alike = |i: usize| {
+        planes
+            .iter()
+            .zip(floor)
+            .zip(factors)
+            .all(|((plane, floor), factor)| {
+                let expected = f32::from(floor[i]) * factor;
+                (f32::from(plane[i]) - expected.min(255.0)).abs()
+                    < EXPLAINED_WITHIN.max(0.06 * expected)
+            })
+    };
+    let seen = (0..covered.len())
+        .step_by(EXPLAINED_STRIDE)
+        .filter(|&i| covered[i] == 0);
+    let (n, n_alike) = seen.fold((0, 0), |(n, n_alike), i| {
+        (n + 1, n_alike + u32::from(alike(i)))
+    });
+    n_alike as f32 / (n as f32).max(1.0)
+}
+
+/// The median of each cell and its neighbours, so that an object in one of them does not count; 1 where nothing is known.
+fn smoothed(
+    ratios: &[[Option<f32>; CELLS_MAX]; CELLS_MAX],
+    columns: usize,
+    rows: usize,
+) -> [[f32; CELLS_MAX]; CELLS_MAX] {
+    let mut smooth = [[1.0; CELLS_MAX]; CELLS_MAX];
+    for y in 0..rows {
+        for x in 0..columns {
+            let mut known = [0.0f32; 9];
+            let mut n = 0;
+            for row in &ratios[y.saturating_sub(1)..(y + 2).min(rows)] {
+                for ratio in row[x.saturating_sub(1)..(x + 2).min(columns)]
+                    .iter()
+                    .flatten()
+                {
+                    known[n] = *ratio;
+                    n += 1;
+                }
+            }
+            known[..n].sort_unstable_by(f32::total_cmp);
+            if n > 0 {
+                smooth[y][x] = known[n / 2];
+            }
+        }
+    }
+    smooth
+}

@@ -1,0 +1,540 @@
+//! Which of a camera's controls are locked, at what, and how that is told. What is decided here is a function of the values that
+//! the camera states; [`Camera::start`](crate::camera::Camera::start) asks, waits and writes.
+//!
+//! An automatic that renews exposure or white balance moves every pixel away from the learned floor at once, and all of it becomes
+//! objects. Hence at the start:
+//!
+//! 1. What the user gives by hand is written, its automatic switched off before. It must be taken exactly, or the run does not start.
+//! 2. If automatics are on, frames are thrown away for a second, so that the automatics find their values on the real scene. An
+//!    automatic exposure may not slow the camera down meanwhile (`EXPOSURE_AUTO_PRIORITY`), since a rate is agreed on. Without
+//!    automatics nothing waits.
+//! 3. The values are read and the automatics switched off. Values that this has changed are written back. Those that still read the
+//!    same are not written: a camera that states an old value while it is automatic (many do, of the exposure) often
+//!    keeps the true one as long as nobody writes.
+//! 4. Everything is read again, and that is what is told. If the picture has become brighter or darker by more than
+//!    `BRIGHTNESS_RATIO_MAX`, the value that was read was not the true one: exposure and gain are left to the automatics again.
+//!
+//! A control that the camera does not have or refuses to change does not stop the run, unless its value was given by hand. When the
+//! camera is closed, everything that was written is put back, for the next program expects a camera that adapts itself; after a killed
+//! program the next run does that first (`written`).
+//!
+//! A camera that was unplugged comes back with what it has after power-on. It gets the values at which it was locked, without another
+//! second of waiting.
+//!
+//! # Deliberately absent
+//!
+//! Brightness, contrast and the like, which stay as they are by themselves. The power line frequency, which is right or wrong for
+//! the place and not for us. Controls that only one maker's cameras have.
+//!
+//! Source: Linux Media Subsystem Documentation, "User Controls" and "Camera Control Reference"; numbers from
+//! `linux/v4l2-controls.h`.
+
+mod written;
+
+use std::io;
+
+use serde::{Deserialize, Serialize};
+
+use crate::camera::v4l2::{ControlRange, Device};
+pub(crate) use written::{Written, state_folder};
+
+const USER: u32 = 0x0098_0900;
+const CAMERA: u32 = 0x009a_0900;
+
+const AUTO_WHITE_BALANCE: u32 = USER + 12;
+const RED_BALANCE: u32 = USER + 14;
+const BLUE_BALANCE: u32 = USER + 15;
+const EXPOSURE: u32 = USER + 17;
+const AUTOGAIN: u32 = USER + 18;
+const GAIN: u32 = USER + 19;
+const WHITE_BALANCE_TEMPERATURE: u32 = USER + 26;
+const EXPOSURE_AUTO: u32 = CAMERA + 1;
+const EXPOSURE_ABSOLUTE: u32 = CAMERA + 2;
+const EXPOSURE_AUTO_PRIORITY: u32 = CAMERA + 3;
+const FOCUS_ABSOLUTE: u32 = CAMERA + 10;
+const FOCUS_AUTO: u32 = CAMERA + 12;
+
+/// The menu item of `EXPOSURE_AUTO` that means neither time nor iris is automatic; switches are off at 0.
+const EXPOSURE_MANUAL: i32 = 1;
+const OFF: i32 = 0;
+
+/// Most by which locking may change the mean of the picture, either way. Objects that come and go change it less, and a floor
+/// that was learned after the change does not mind so much.
+pub(crate) const BRIGHTNESS_RATIO_MAX: f64 = 1.25;
+/// A smaller change of the mean, of 255, is noise of a dark picture.
+const BRIGHTNESS_STEP_MIN: f64 = 8.0;
+
+/// What the user wants of a camera's controls. The default is to lock all of them at what the camera's automatics find.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ControlRequest {
+    /// Leave the automatics on, except of what is given here.
+    pub camera_auto: bool,
+    /// Exposure time in microseconds.
+    pub exposure_us: Option<u32>,
+    /// Gain, in the camera's own unit.
+    pub gain: Option<i32>,
+    /// Colour temperature of the white balance, in kelvins.
+    pub white_balance_k: Option<u32>,
+    /// Distance of the focus, in the camera's own unit.
+    pub focus: Option<i32>,
+}
+
+/// Why a value that was given by hand is not used.
+#[derive(Debug, thiserror::Error)]
+pub enum ControlError {
+    /// The camera has no such control, or not to be set.
+    #[error("has no {name} that can be set: leave {flag} out")]
+    NotOffered {
+        /// What it is.
+        name: &'static str,
+        /// The argument.
+        flag: &'static str,
+    },
+    /// The value is not one of those that the camera has.
+    #[error("{flag} {asked}: the camera has {least} to {most}{unit} in steps of {step}")]
+    Range {
+        /// The argument.
+        flag: &'static str,
+        /// Its value.
+        asked: i64,
+        /// Smallest value, in the argument's unit.
+        least: i64,
+        /// Largest value.
+        most: i64,
+        /// From one value to the next.
+        step: i64,
+        /// The unit, if there is one.
+        unit: &'static str,
+    },
+    /// The camera did not let the value or its automatic be changed.
+    #[error("{flag} {asked}: the camera refuses it ({source}): leave it out")]
+    Refused {
+        /// The argument.
+        flag: &'static str,
+        /// Its value.
+        asked: i64,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The camera accepted the value and has another one.
+    #[error("{flag} {asked}: the camera has {taken} instead: give another value, or leave it out")]
+    Changed {
+        /// The argument.
+        flag: &'static str,
+        /// Its value.
+        asked: i64,
+        /// What the camera says, in the argument's unit.
+        taken: String,
+    },
+}
+
+/// Something of the camera that changes every pixel: a switch of its automatic, and what that decides.
+struct Setting {
+    name: &'static str,
+    flag: &'static str,
+    asked: fn(&ControlRequest) -> Option<i64>,
+    automatic: u32,
+    /// The automatic's value when it is off.
+    off: i32,
+    /// Of the first, the user can give the value.
+    values: &'static [Value],
+    /// Whether it makes the picture brighter or darker.
+    is_brightness: bool,
+}
+
+/// A control that is a quantity.
+struct Value {
+    id: u32,
+    name: &'static str,
+    /// Of the unit, in one step of the control.
+    scale: i64,
+    unit: &'static str,
+}
+
+const fn value(id: u32, name: &'static str, scale: i64, unit: &'static str) -> Value {
+    Value {
+        id,
+        name,
+        scale,
+        unit,
+    }
+}
+
+const SETTINGS: [Setting; 4] = [
+    Setting {
+        name: "exposure",
+        flag: "--exposure",
+        asked: |request| request.exposure_us.map(i64::from),
+        automatic: EXPOSURE_AUTO,
+        off: EXPOSURE_MANUAL,
+        values: &[
+            value(EXPOSURE_ABSOLUTE, "exposure", 100, " us"),
+            // Of older drivers, each with a unit of its own.
+            value(EXPOSURE, "exposure level", 1, ""),
+        ],
+        is_brightness: true,
+    },
+    Setting {
+        name: "gain",
+        flag: "--gain",
+        asked: |request| request.gain.map(i64::from),
+        automatic: AUTOGAIN,
+        off: OFF,
+        values: &[value(GAIN, "gain", 1, "")],
+        is_brightness: true,
+    },
+    Setting {
+        name: "white balance",
+        flag: "--white-balance",
+        asked: |request| request.white_balance_k.map(i64::from),
+        automatic: AUTO_WHITE_BALANCE,
+        off: OFF,
+        values: &[
+            value(WHITE_BALANCE_TEMPERATURE, "white balance", 1, " K"),
+            value(RED_BALANCE, "red balance", 1, ""),
+            value(BLUE_BALANCE, "blue balance", 1, ""),
+        ],
+        is_brightness: false,
+    },
+    Setting {
+        name: "focus",
+        flag: "--focus",
+        asked: |request| request.focus.map(i64::from),
+        automatic: FOCUS_AUTO,
+        off: OFF,
+        values: &[value(FOCUS_ABSOLUTE, "focus", 1, "")],
+        is_brightness: false,
+    },
+];
+
+/// A control that a camera has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Control {
+    id: u32,
+    range: ControlRange,
+    /// Unknown if the camera does not say.
+    value: Option<i32>,
+}
+
+/// Those of the controls named here that a camera has, as they stand at one moment.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Controls(Vec<Control>);
+
+/// A value to be written, or put back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Change {
+    pub(crate) id: u32,
+    pub(crate) value: i32,
+}
+
+/// How the attempt to switch the automatics off went.
+#[derive(Debug, Default)]
+pub(crate) struct Attempt {
+    /// Automatics that were switched off, and what the system said to those that could not be.
+    pub(crate) switched: Vec<(Change, io::Result<()>)>,
+    /// New brightness through old one, if locking changed it so much that it was undone.
+    pub(crate) undone_by: Option<f64>,
+}
+
+impl Controls {
+    /// Asks the camera.
+    pub(crate) fn read(device: &Device) -> Self {
+        let ids = SETTINGS.iter().flat_map(|setting| {
+            let values = setting.values.iter().map(|value| value.id);
+            values.chain([setting.automatic])
+        });
+        let found = ids.chain([EXPOSURE_AUTO_PRIORITY]).filter_map(|id| {
+            Some(Control {
+                id,
+                range: device.control(id)?,
+                value: device.control_value(id).ok(),
+            })
+        });
+        Self(found.collect())
+    }
+
+    fn get(&self, id: u32) -> Option<&Control> {
+        self.0.iter().find(|control| control.id == id)
+    }
+
+    fn value(&self, id: u32) -> Option<i32> {
+        self.get(id)?.value
+    }
+
+    /// Whether a setting has an automatic and it is not off.
+    fn is_automatic(&self, setting: &Setting) -> bool {
+        self.get(setting.automatic)
+            .is_some_and(|control| control.value != Some(setting.off))
+    }
+
+    fn has(&self, setting: &Setting) -> bool {
+        let mut values = setting.values.iter();
+        self.get(setting.automatic).is_some() || values.any(|value| self.get(value.id).is_some())
+    }
+
+    /// The changes that give the user what was given by hand.
+    pub(crate) fn by_hand(&self, request: &ControlRequest) -> Result<Vec<Change>, ControlError> {
+        let mut changes = Vec::new();
+        for setting in &SETTINGS {
+            let (flag, value) = (setting.flag, &setting.values[0]);
+            let Some(asked) = (setting.asked)(request) else {
+                continue;
+            };
+            let range = match self.get(value.id) {
+                Some(control) if control.range.is_writable => control.range,
+                _ => {
+                    let name = setting.name;
+                    return Err(ControlError::NotOffered { name, flag });
+                }
+            };
+            let [least, most, step] = [range.least, range.most, range.step].map(i64::from);
+            let steps = asked / value.scale;
+            let is_offered = asked % value.scale == 0
+                && (least..=most).contains(&steps)
+                && (steps - least) % step == 0;
+            let Some(written) = i32::try_from(steps).ok().filter(|_| is_offered) else {
+                return Err(ControlError::Range {
+                    flag,
+                    asked,
+                    least: least * value.scale,
+                    most: most * value.scale,
+                    step: step * value.scale,
+                    unit: value.unit,
+                });
+            };
+            if self.is_automatic(setting) {
+                changes.push(setting.switch_off());
+            }
+            changes.push(Change {
+                id: value.id,
+                value: written,
+            });
+        }
+        Ok(changes)
+    }
+
+    /// Whether the camera has what was given by hand.
+    pub(crate) fn check_by_hand(&self, request: &ControlRequest) -> Result<(), ControlError> {
+        for setting in &SETTINGS {
+            let Some(asked) = (setting.asked)(request) else {
+                continue;
+            };
+            let value = &setting.values[0];
+            let taken = match self.value(value.id) {
+                _ if self.is_automatic(setting) => "its automatic on".to_owned(),
+                Some(taken) if i64::from(taken) * value.scale != asked => {
+                    format!("{}{}", i64::from(taken) * value.scale, value.unit)
+                }
+                _ => continue,
+            };
+            return Err(ControlError::Changed {
+                flag: setting.flag,
+                asked,
+                taken,
+            });
+        }
+        Ok(())
+    }
+
+    /// The automatics that are to be switched off once they have found their values.
+    pub(crate) fn to_switch_off(&self, request: &ControlRequest) -> Vec<Change> {
+        let to_lock = |setting: &&Setting| {
+            !request.camera_auto && (setting.asked)(request).is_none() && self.is_automatic(setting)
+        };
+        let settings = SETTINGS.iter().filter(to_lock);
+        settings.map(Setting::switch_off).collect()
+    }
+
+    /// What keeps an automatic exposure from slowing the camera down, if one is to be locked.
+    pub(crate) fn to_keep_rate(&self, switch_off: &[Change]) -> Option<Change> {
+        let is_locked = switch_off.iter().any(|change| change.id == EXPOSURE_AUTO);
+        let is_slowed = self
+            .value(EXPOSURE_AUTO_PRIORITY)
+            .is_some_and(|on| on != OFF);
+        (is_locked && is_slowed).then_some(Change {
+            id: EXPOSURE_AUTO_PRIORITY,
+            value: OFF,
+        })
+    }
+
+    /// The values that were others `before` the automatics were switched off.
+    pub(crate) fn to_put_back(&self, before: &Self, request: &ControlRequest) -> Vec<Change> {
+        let is_locked =
+            |setting: &&Setting| (setting.asked)(request).is_none() && !self.is_automatic(setting);
+        let values = SETTINGS.iter().filter(is_locked).flat_map(|s| s.values);
+        values
+            .filter_map(|&Value { id, .. }| {
+                let control = self.get(id)?;
+                let value = before.value(id)?;
+                let is_to_write = control.range.is_writable && control.value != Some(value);
+                is_to_write.then_some(Change { id, value })
+            })
+            .collect()
+    }
+
+    /// What makes a camera that stands at `now` stand as it does here, except for what is automatic here: the automatics that are to be
+    /// switched off, and once they are off, the values.
+    pub(crate) fn to_set_again(&self, now: &Self) -> Vec<Change> {
+        let is_fixed = |setting: &&Setting| self.has(setting) && !self.is_automatic(setting);
+        let fixed = || SETTINGS.iter().filter(is_fixed);
+        let automatics: Vec<Change> = fixed()
+            .filter(|setting| now.is_automatic(setting))
+            .map(Setting::switch_off)
+            .collect();
+        if !automatics.is_empty() {
+            return automatics;
+        }
+        let values = fixed().flat_map(|setting| setting.values);
+        values
+            .filter_map(|&Value { id, .. }| {
+                let (then, now) = (self.get(id)?, now.get(id)?);
+                let value = then.value.filter(|_| now.range.is_writable)?;
+                (now.value != Some(value)).then_some(Change { id, value })
+            })
+            .collect()
+    }
+
+    /// What a person should know, in one line: which settings are locked at which values, and which are not and why.
+    pub(crate) fn report(&self, request: &ControlRequest, attempt: &Attempt) -> String {
+        let [mut locked, mut given, mut fixed, mut automatic, mut missing] = [const { vec![] }; 5];
+        for setting in &SETTINGS {
+            let switched = attempt
+                .switched
+                .iter()
+                .find(|(change, _)| change.id == setting.automatic);
+            if !self.has(setting) {
+                missing.push(setting.name.to_owned());
+            } else if self.is_automatic(setting) {
+                automatic.push(match (attempt.undone_by, switched) {
+                    (_, Some((_, Err(error)))) => format!("{} ({error})", setting.name),
+                    (Some(ratio), Some(_)) if setting.is_brightness => {
+                        let (flag, change) = (setting.flag, brightness_text(ratio));
+                        let name = setting.name;
+                        format!("{name} (locked, the picture was {change}; give {flag})")
+                    }
+                    (_, Some(_)) => format!("{} (it does not switch off)", setting.name),
+                    (_, None) => setting.name.to_owned(),
+                });
+            } else if (setting.asked)(request).is_some() {
+                given.push(self.values_text(setting));
+            } else if switched.is_some() {
+                locked.push(self.values_text(setting));
+            } else {
+                fixed.push(self.values_text(setting));
+            }
+        }
+        if missing.len() == SETTINGS.len() {
+            return format!("no control of {}", missing.join(", "));
+        }
+        let parts = [
+            ("locked", locked),
+            ("given", given),
+            ("fixed already", fixed),
+            ("automatic", automatic),
+            ("no control of", missing),
+        ];
+        let parts: Vec<String> = parts
+            .iter()
+            .filter(|(_, names)| !names.is_empty())
+            .map(|(what, names)| format!("{what} {}", names.join(", ")))
+            .collect();
+        parts.join("; ")
+    }
+
+    /// The values of a setting, with units; its name alone if the camera does not say.
+    fn values_text(&self, setting: &Setting) -> String {
+        let values: Vec<String> = setting
+            .values
+            .iter()
+            .filter_map(|value| {
+                let number = i64::from(self.value(value.id)?) * value.scale;
+                Some(format!("{} {number}{}", value.name, value.unit))
+            })
+            .collect();
+        match values.is_empty() {
+            true => format!(
+                "{} (at a value that the camera does not tell)",
+                setting.name
+            ),
+            false => values.join(", "),
+        }
+    }
+
+    /// A line for each value that a camera has, with its range, and for an automatic without one.
+    pub(crate) fn describe(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        for setting in SETTINGS.iter().filter(|setting| self.has(setting)) {
+            let automatic = match self.get(setting.automatic) {
+                None => "",
+                Some(_) if self.is_automatic(setting) => ", automatic",
+                Some(_) => ", automatic off",
+            };
+            let n_before = lines.len();
+            for value in setting.values {
+                let Some(Control {
+                    range, value: now, ..
+                }) = self.get(value.id)
+                else {
+                    continue;
+                };
+                let scaled = |number: i32| i64::from(number) * value.scale;
+                let (name, unit) = (value.name, value.unit);
+                let [least, most, step] = [range.least, range.most, range.step].map(scaled);
+                let now = now.map_or("unknown".to_owned(), |now| scaled(now).to_string());
+                let step = match step {
+                    1 => String::new(),
+                    step => format!(" in steps of {step}"),
+                };
+                lines.push(format!(
+                    "{name}: {least} to {most}{unit}{step}, now {now}{automatic}"
+                ));
+            }
+            if lines.len() == n_before {
+                lines.push(format!("{}: no value{automatic}", setting.name));
+            }
+        }
+        lines
+    }
+}
+
+impl Setting {
+    fn switch_off(&self) -> Change {
+        Change {
+            id: self.automatic,
+            value: self.off,
+        }
+    }
+}
+
+/// What the user gave by hand that led to a change.
+pub(crate) fn refused(change: Change, request: &ControlRequest, source: io::Error) -> ControlError {
+    let setting = SETTINGS
+        .iter()
+        .find(|setting| setting.automatic == change.id || setting.values[0].id == change.id);
+    let (flag, asked) = setting.map_or(("the control", None), |setting| {
+        (setting.flag, (setting.asked)(request))
+    });
+    ControlError::Refused {
+        flag,
+        asked: asked.unwrap_or(i64::from(change.value)),
+        source,
+    }
+}
+
+/// New brightness through old one (means, of 255), if that is more than a scene changes by itself.
+pub(crate) fn brightness_jump(before: f64, after: f64) -> Option<f64> {
+    let ratio = after.max(1.0) / before.max(1.0);
+    let is_jump = ratio.max(1.0 / ratio) > BRIGHTNESS_RATIO_MAX
+        && (after - before).abs() >= BRIGHTNESS_STEP_MIN;
+    is_jump.then_some(ratio)
+}
+
+fn brightness_text(ratio: f64) -> String {
+    match ratio < 1.0 {
+        true => format!("{:.1} times darker", 1.0 / ratio),
+        false => format!("{ratio:.1} times brighter"),
+    }
+}
+
+#[cfg(test)]
+mod tests;

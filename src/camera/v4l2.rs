@@ -1,0 +1,662 @@
+//! The kernel's video interface (V4L2): structures, calls and mapped buffers, as safe functions.
+//!
+//! The only file of the project with `unsafe`. It knows what the kernel says and nothing of what to make of it; that is
+//! [`crate::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture and controls that
+//! are one number, no outputs, no requests.
+//!
+//! Source: Linux Media Subsystem Documentation, part "Video for Linux API".
+#![allow(unsafe_code)]
+
+mod abi;
+
+use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::ops::Range;
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+use std::ptr;
+use std::time::Duration;
+
+use imgproc::Size;
+
+use abi::*;
+pub(crate) use abi::{
+    CAP_CAPTURE, CAP_CAPTURE_PLANES, CAP_METADATA, CAP_OUTPUT, CAP_STREAMING, FourCc, Fraction,
+    PixFormat,
+};
+
+/// Most entries that are read from one of the kernel's lists: a driver that never ends a list must not hang the program.
+const MAX_LISTED: u32 = 256;
+
+/// Performs a request, again if a signal interrupts it.
+fn call<T>(fd: RawFd, request: &Request<T>, argument: &mut T) -> io::Result<()> {
+    loop {
+        // SAFETY: the request number contains the size of T, and by this number the kernel reads and writes no more than so
+        // many bytes at the address, which `argument` lends exclusively. All types used here are valid for any bytes. The only
+        // one with an address in it is `ExtendedControls`, which `call_control` makes and nobody else.
+        let status = unsafe { libc::ioctl(fd, request.number, ptr::from_mut(argument)) };
+        if status == 0 {
+            return Ok(());
+        }
+        let error = io::Error::last_os_error();
+        if error.kind() != io::ErrorKind::Interrupted {
+            return Err(error);
+        }
+    }
+}
+
+/// Performs a request on one control and returns its value.
+///
+/// The older requests of a single control are meant for user controls only, and exposure and focus are camera controls.
+fn call_control(
+    fd: RawFd,
+    request: &Request<ExtendedControls>,
+    id: u32,
+    value: i32,
+) -> io::Result<i32> {
+    let mut control = ExtendedControl {
+        id,
+        value,
+        ..ExtendedControl::default()
+    };
+    let mut controls = ExtendedControls {
+        class: id & CONTROL_CLASS_MASK,
+        count: 1,
+        error_index: 0,
+        request_fd: 0,
+        reserved: 0,
+        // The kernel writes `count` controls there, until the request is done; `control` lives longer.
+        controls: ptr::from_mut(&mut control),
+    };
+    call(fd, request, &mut controls)?;
+    Ok(control.value)
+}
+
+/// `CLOCK_MONOTONIC`, the clock of the kernel's time stamps.
+pub(crate) fn monotonic_ns() -> u64 {
+    let mut time = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: the kernel writes one timespec at the address, which is exclusively ours. The clock always exists.
+    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut time) };
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// Who a node belongs to and what it can do.
+#[derive(Debug, Clone)]
+pub(crate) struct Card {
+    pub(crate) name: String,
+    pub(crate) driver: String,
+    /// Where it is plugged in: `usb-0000:00:14.0-2`.
+    pub(crate) bus: String,
+    /// `CAP_` flags of this node.
+    pub(crate) capabilities: u32,
+}
+
+/// A size that a camera offers, or a grid of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sizes {
+    One(Size),
+    Grid { least: Size, most: Size, step: Size },
+}
+
+/// An interval between frames that a camera offers, or a range of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Intervals {
+    One(Fraction),
+    Range {
+        shortest: Fraction,
+        longest: Fraction,
+    },
+}
+
+/// What a control takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ControlRange {
+    pub(crate) least: i32,
+    pub(crate) most: i32,
+    /// Between values, counted from the least; at least 1.
+    pub(crate) step: i32,
+    pub(crate) is_writable: bool,
+}
+
+impl fmt::Display for Sizes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let text = |size: &Size| format!("{}x{}", size.width, size.height);
+        match self {
+            Self::One(size) => write!(f, "{}", text(size)),
+            Self::Grid { least, most, step } => {
+                write!(f, "{} to {}", text(least), text(most))?;
+                match (step.width, step.height) {
+                    (0 | 1, 0 | 1) => Ok(()),
+                    _ => write!(f, " in steps of {}", text(step)),
+                }
+            }
+        }
+    }
+}
+
+impl Fraction {
+    /// Frames per second of this interval between frames.
+    pub(crate) fn rate_hz(self) -> f64 {
+        f64::from(self.denominator) / f64::from(self.numerator)
+    }
+}
+
+/// Frames per second.
+impl fmt::Display for Intervals {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // 29.97 in full, 30 without zeros.
+        let text = |interval: &Fraction| ((interval.rate_hz() * 100.0).round() / 100.0).to_string();
+        match self {
+            Self::One(interval) => f.write_str(&text(interval)),
+            Self::Range { shortest, longest } => {
+                write!(f, "{} to {}", text(longest), text(shortest))
+            }
+        }
+    }
+}
+
+/// An open node.
+#[derive(Debug)]
+pub(crate) struct Device {
+    file: File,
+}
+
+impl Device {
+    /// Opens a node without blocking. Fails with [`io::ErrorKind::InvalidInput`] if the file is no character device.
+    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+        // Asked first: opening a pipe would block, and a folder cannot be opened for writing.
+        if !path.metadata()?.file_type().is_char_device() {
+            return Err(io::ErrorKind::InvalidInput.into());
+        }
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .custom_flags(libc::O_NONBLOCK)
+            .open(path)?;
+        Ok(Self { file })
+    }
+
+    fn fd(&self) -> RawFd {
+        self.file.as_raw_fd()
+    }
+
+    pub(crate) fn card(&self) -> io::Result<Card> {
+        let text = |bytes: &[u8]| {
+            let end = bytes.iter().position(|&byte| byte == 0);
+            String::from_utf8_lossy(&bytes[..end.unwrap_or(bytes.len())]).into_owned()
+        };
+        let mut found = Capability::default();
+        call(self.fd(), &QUERYCAP, &mut found)?;
+        Ok(Card {
+            name: text(&found.card),
+            driver: text(&found.driver),
+            bus: text(&found.bus_info),
+            capabilities: match found.capabilities & CAP_DEVICE_CAPS {
+                0 => found.capabilities,
+                _ => found.device_caps,
+            },
+        })
+    }
+
+    /// The layouts that the camera offers; none if it does not say.
+    pub(crate) fn formats(&self) -> Vec<FourCc> {
+        self.list(&ENUM_FMT, |index| FormatDescription {
+            index,
+            kind: TYPE_VIDEO_CAPTURE,
+            ..FormatDescription::default()
+        })
+        .map(|found| found.pixel_format)
+        .collect()
+    }
+
+    /// The sizes that the camera offers in a layout; none if it does not say.
+    pub(crate) fn sizes(&self, pixel_format: FourCc) -> Vec<Sizes> {
+        self.list(&ENUM_FRAMESIZES, |index| FrameSizeEntry {
+            index,
+            pixel_format,
+            ..FrameSizeEntry::default()
+        })
+        .map(|found| {
+            let [a, b, c, d, e, f] = found.numbers.map(|number| number as usize);
+            let size = |width, height| Size { width, height };
+            match found.kind {
+                KIND_DISCRETE => Sizes::One(size(a, b)),
+                _ => Sizes::Grid {
+                    least: size(a, d),
+                    most: size(b, e),
+                    step: size(c, f),
+                },
+            }
+        })
+        .collect()
+    }
+
+    /// The frame intervals that the camera offers in a layout and size; none if it does not say.
+    pub(crate) fn intervals(&self, pixel_format: FourCc, size: Size) -> Vec<Intervals> {
+        self.list(&ENUM_FRAMEINTERVALS, |index| FrameIntervalEntry {
+            index,
+            pixel_format,
+            width: size.width as u32,
+            height: size.height as u32,
+            ..FrameIntervalEntry::default()
+        })
+        .map(|found| {
+            let [shortest, longest, _] = found.intervals;
+            match found.kind {
+                KIND_DISCRETE => Intervals::One(shortest),
+                _ => Intervals::Range { shortest, longest },
+            }
+        })
+        .collect()
+    }
+
+    /// Entries of one of the kernel's lists, up to its end.
+    fn list<T: Copy>(
+        &self,
+        request: &Request<T>,
+        entry: impl Fn(u32) -> T,
+    ) -> impl Iterator<Item = T> {
+        (0..MAX_LISTED).map_while(move |index| {
+            let mut entry = entry(index);
+            call(self.fd(), request, &mut entry).ok().map(|()| entry)
+        })
+    }
+
+    /// Asks for a layout and a size. The camera silently takes others instead; what it took is returned.
+    pub(crate) fn set_format(&self, pixel_format: FourCc, size: Size) -> io::Result<PixFormat> {
+        let mut format = Format {
+            kind: TYPE_VIDEO_CAPTURE,
+            ..Format::default()
+        };
+        format.pix.width = size.width as u32;
+        format.pix.height = size.height as u32;
+        format.pix.pixel_format = pixel_format;
+        format.pix.field = FIELD_NONE;
+        call(self.fd(), &S_FMT, &mut format)?;
+        Ok(format.pix)
+    }
+
+    /// Asks for an interval between frames, and returns what the camera says it has taken; `None` if it has no say in it.
+    pub(crate) fn set_interval(&self, interval: Fraction) -> Option<Fraction> {
+        let mut wanted = StreamParameters {
+            kind: TYPE_VIDEO_CAPTURE,
+            time_per_frame: interval,
+            ..StreamParameters::default()
+        };
+        // Not every driver lets the rate be set, and some state it all the same: the answer counts.
+        _ = call(self.fd(), &S_PARM, &mut wanted);
+        let mut found = StreamParameters {
+            kind: TYPE_VIDEO_CAPTURE,
+            ..StreamParameters::default()
+        };
+        call(self.fd(), &G_PARM, &mut found).ok()?;
+        let Fraction {
+            numerator,
+            denominator,
+        } = found.time_per_frame;
+        let is_known = found.capability & CAP_TIME_PER_FRAME != 0;
+        (is_known && numerator > 0 && denominator > 0).then_some(found.time_per_frame)
+    }
+
+    /// What a control takes; `None` if the camera does not have it.
+    pub(crate) fn control(&self, id: u32) -> Option<ControlRange> {
+        let mut found = ControlQuery {
+            id,
+            ..ControlQuery::default()
+        };
+        call(self.fd(), &QUERYCTRL, &mut found).ok()?;
+        (found.flags & CONTROL_DISABLED == 0).then_some(ControlRange {
+            least: found.minimum,
+            most: found.maximum,
+            step: found.step.max(1),
+            is_writable: found.flags & CONTROL_READ_ONLY == 0,
+        })
+    }
+
+    pub(crate) fn control_value(&self, id: u32) -> io::Result<i32> {
+        call_control(self.fd(), &G_EXT_CTRLS, id, 0)
+    }
+
+    /// Sets a control. The camera may take another value instead, which only reading it tells.
+    pub(crate) fn set_control(&self, id: u32, value: i32) -> io::Result<()> {
+        call_control(self.fd(), &S_EXT_CTRLS, id, value).map(drop)
+    }
+}
+
+/// A kernel's buffer in this program's memory.
+#[derive(Debug)]
+struct Mapping {
+    start: *mut u8,
+    length: usize,
+}
+
+// SAFETY: a mapping belongs to the process, not to a thread, and nothing but its `Mapping` gives access to it.
+unsafe impl Send for Mapping {}
+
+impl Mapping {
+    fn new(fd: RawFd, buffer: &Buffer) -> io::Result<Self> {
+        let length = buffer.length as usize;
+        // SAFETY: a new mapping at an address of the kernel's choice touches no memory that is in use.
+        let start = unsafe {
+            libc::mmap(
+                ptr::null_mut(),
+                length,
+                libc::PROT_READ | libc::PROT_WRITE,
+                libc::MAP_SHARED,
+                fd,
+                libc::off_t::from(buffer.offset),
+            )
+        };
+        if start == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(Self {
+            start: start.cast(),
+            length,
+        })
+    }
+
+    /// Appends the bytes of `range` to `out`.
+    ///
+    /// # Panics
+    ///
+    /// If the range does not lie within the mapping.
+    fn append_to(&self, range: Range<usize>, out: &mut Vec<u8>) {
+        assert!(range.start <= range.end && range.end <= self.length);
+        let n = range.len();
+        out.reserve(n);
+        // SAFETY: the source lies within the mapping, as asserted, and the destination within what was just reserved, behind
+        // the bytes in use; they are different memory. No reference to the mapping is made, because some drivers (v4l2loopback)
+        // let another program write to a buffer that is ours for the moment; whatever bytes are copied then are valid.
+        unsafe {
+            ptr::copy_nonoverlapping(
+                self.start.add(range.start),
+                out.as_mut_ptr().add(out.len()),
+                n,
+            );
+            out.set_len(out.len() + n);
+        }
+    }
+}
+
+impl Drop for Mapping {
+    fn drop(&mut self) {
+        // SAFETY: exactly this memory was mapped by `new` and is unmapped once; nothing refers to it.
+        unsafe { libc::munmap(self.start.cast(), self.length) };
+    }
+}
+
+/// A buffer that the camera has filled and that is not yet given back.
+#[derive(Debug)]
+pub(crate) struct Filled {
+    index: usize,
+    /// Bytes that the camera wrote, at most the buffer's length.
+    pub(crate) bytes_used: usize,
+    /// The driver's count of frames, which wraps around.
+    pub(crate) sequence: u32,
+    /// The kernel's time stamp, if it is on the clock of [`monotonic_ns`].
+    pub(crate) stamp_ns: Option<u64>,
+    /// The driver says that the content is damaged.
+    pub(crate) is_faulty: bool,
+}
+
+/// What [`Stream::wait`] found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Ready {
+    /// Nothing within the time.
+    No,
+    /// A buffer can be taken.
+    Buffer,
+    /// The camera has failed or is gone: taking a buffer tells how.
+    Failed,
+}
+
+/// A camera with mapped buffers to capture into. Dropping it stops the camera.
+#[derive(Debug)]
+pub(crate) struct Stream {
+    // Before the device: mappings go before the file is closed.
+    mappings: Vec<Mapping>,
+    device: Device,
+}
+
+/// A request that failed.
+#[derive(Debug)]
+pub(crate) struct FailedCall {
+    pub(crate) call: &'static str,
+    pub(crate) source: io::Error,
+}
+
+impl Stream {
+    /// Maps buffers and hands them to the camera, which may give more or fewer than asked for.
+    pub(crate) fn new(device: Device, n_buffers: u32) -> Result<Self, FailedCall> {
+        let failed = |call| move |source| FailedCall { call, source };
+        let mut buffers = RequestBuffers {
+            count: n_buffers,
+            kind: TYPE_VIDEO_CAPTURE,
+            memory: MEMORY_MMAP,
+            ..RequestBuffers::default()
+        };
+        call(device.fd(), &REQBUFS, &mut buffers).map_err(failed("VIDIOC_REQBUFS"))?;
+        let mut stream = Self {
+            mappings: Vec::new(),
+            device,
+        };
+        for index in 0..buffers.count {
+            let mut buffer = capture_buffer(index);
+            call(stream.device.fd(), &QUERYBUF, &mut buffer).map_err(failed("VIDIOC_QUERYBUF"))?;
+            let mapping = Mapping::new(stream.device.fd(), &buffer).map_err(failed("mmap"))?;
+            stream.mappings.push(mapping);
+            stream
+                .queue(index as usize)
+                .map_err(failed("VIDIOC_QBUF"))?;
+        }
+        Ok(stream)
+    }
+
+    /// The camera.
+    pub(crate) fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// Starts the camera.
+    pub(crate) fn start(&mut self) -> Result<(), FailedCall> {
+        let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
+        call(self.device.fd(), &STREAMON, &mut kind).map_err(|source| FailedCall {
+            call: "VIDIOC_STREAMON",
+            source,
+        })
+    }
+
+    /// Waits for a buffer. A signal ends the waiting early.
+    pub(crate) fn wait(&self, timeout: Duration) -> io::Result<Ready> {
+        let mut poll = libc::pollfd {
+            fd: self.device.fd(),
+            events: libc::POLLIN,
+            revents: 0,
+        };
+        let timeout_ms = i32::try_from(timeout.as_millis()).unwrap_or(i32::MAX);
+        // SAFETY: the kernel reads and writes the one pollfd, which is exclusively ours.
+        let n = unsafe { libc::poll(&mut poll, 1, timeout_ms) };
+        if n < 0 {
+            let error = io::Error::last_os_error();
+            return match error.kind() {
+                io::ErrorKind::Interrupted => Ok(Ready::No),
+                _ => Err(error),
+            };
+        }
+        Ok(match poll.revents {
+            0 => Ready::No,
+            found if found & (libc::POLLERR | libc::POLLHUP | libc::POLLNVAL) != 0 => Ready::Failed,
+            _ => Ready::Buffer,
+        })
+    }
+
+    /// Takes a filled buffer; `None` if there is none.
+    pub(crate) fn take(&mut self) -> io::Result<Option<Filled>> {
+        let mut buffer = capture_buffer(0);
+        match call(self.device.fd(), &DQBUF, &mut buffer) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+            Err(error) => return Err(error),
+        }
+        let index = buffer.index as usize;
+        let Some(mapping) = self.mappings.get(index) else {
+            return Err(io::Error::other(format!(
+                "the driver returned buffer {index} of {}",
+                self.mappings.len()
+            )));
+        };
+        let is_monotonic = buffer.flags & BUFFER_CLOCK_MASK == BUFFER_CLOCK_MONOTONIC;
+        Ok(Some(Filled {
+            index,
+            bytes_used: mapping.length.min(buffer.bytes_used as usize),
+            sequence: buffer.sequence,
+            stamp_ns: is_monotonic.then(|| stamp_ns(buffer.timestamp_s, buffer.timestamp_us)),
+            is_faulty: buffer.flags & BUFFER_ERROR != 0,
+        }))
+    }
+
+    /// Appends bytes of a filled buffer to `out`.
+    ///
+    /// # Panics
+    ///
+    /// If the range goes beyond the buffer.
+    pub(crate) fn append_to(&self, filled: &Filled, range: Range<usize>, out: &mut Vec<u8>) {
+        self.mappings[filled.index].append_to(range, out);
+    }
+
+    /// Gives a buffer back to the camera.
+    pub(crate) fn give_back(&mut self, filled: Filled) -> Result<(), FailedCall> {
+        self.queue(filled.index).map_err(|source| FailedCall {
+            call: "VIDIOC_QBUF",
+            source,
+        })
+    }
+
+    fn queue(&self, index: usize) -> io::Result<()> {
+        call(self.device.fd(), &QBUF, &mut capture_buffer(index as u32))
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
+        // Fails if the camera is gone or never started, and then there is nothing to stop.
+        _ = call(self.device.fd(), &STREAMOFF, &mut kind);
+    }
+}
+
+fn capture_buffer(index: u32) -> Buffer {
+    Buffer {
+        index,
+        kind: TYPE_VIDEO_CAPTURE,
+        memory: MEMORY_MMAP,
+        ..Buffer::default()
+    }
+}
+
+/// Seconds and microseconds as nanoseconds; wraps around where the driver's clock does.
+fn stamp_ns(seconds: i64, microseconds: i64) -> u64 {
+    (seconds as u64)
+        .wrapping_mul(1_000_000_000)
+        .wrapping_add((microseconds as u64).wrapping_mul(1000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_are_nanoseconds() {
+        assert_eq!(stamp_ns(12, 345_678), 12_345_678_000);
+        // Nonsense must not panic.
+        _ = stamp_ns(i64::MAX, i64::MIN);
+    }
+
+    #[test]
+    fn sizes_and_rates_read_well() {
+        let size = |width, height| Size { width, height };
+        let fraction = |numerator, denominator| Fraction {
+            numerator,
+            denominator,
+        };
+        assert_eq!(Sizes::One(size(640, 480)).to_string(), "640x480");
+        let grid = |step| Sizes::Grid {
+            least: size(16, 8),
+            most: size(64, 32),
+            step,
+        };
+        assert_eq!(grid(size(1, 1)).to_string(), "16x8 to 64x32");
+        assert_eq!(
+            grid(size(2, 4)).to_string(),
+            "16x8 to 64x32 in steps of 2x4"
+        );
+        assert_eq!(Intervals::One(fraction(1001, 30_000)).to_string(), "29.97");
+        let range = Intervals::Range {
+            shortest: fraction(1, 60),
+            longest: fraction(2, 1),
+        };
+        assert_eq!(range.to_string(), "0.5 to 60");
+    }
+
+    #[test]
+    fn the_clock_advances() {
+        let first = monotonic_ns();
+        assert!(first > 0);
+        assert!(monotonic_ns() >= first);
+    }
+
+    #[test]
+    fn what_is_no_camera_is_an_error() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("video0");
+        std::fs::write(&file, b"").expect("written");
+        for path in [folder.path(), &file] {
+            let error = Device::open(path).expect_err("no device");
+            assert_eq!(error.kind(), io::ErrorKind::InvalidInput);
+        }
+        let missing = Device::open(&folder.path().join("none")).expect_err("missing");
+        assert_eq!(missing.kind(), io::ErrorKind::NotFound);
+        // A character device that knows nothing of video.
+        let null = Device::open(Path::new("/dev/null")).expect("opens");
+        assert!(null.card().is_err());
+        assert!(null.formats().is_empty());
+        let gain = 0x0098_0913;
+        assert_eq!(null.control(gain), None);
+        assert!(null.control_value(gain).is_err() && null.set_control(gain, 0).is_err());
+    }
+
+    #[test]
+    fn bytes_of_a_mapping_are_appended() {
+        let mut file = tempfile::tempfile().expect("a file");
+        io::Write::write_all(&mut file, b"abcdefgh").expect("written");
+        let buffer = Buffer {
+            length: 8,
+            ..Buffer::default()
+        };
+        let mapping = Mapping::new(file.as_raw_fd(), &buffer).expect("mapped");
+        let mut out = b"x".to_vec();
+        mapping.append_to(2..5, &mut out);
+        mapping.append_to(7..8, &mut out);
+        mapping.append_to(8..8, &mut out);
+        assert_eq!(out, b"xcdeh");
+    }
+
+    #[test]
+    #[should_panic(expected = "range.end <= self.length")]
+    fn bytes_beyond_a_mapping_are_refused() {
+        let mut file = tempfile::tempfile().expect("a file");
+        io::Write::write_all(&mut file, b"abcdefgh").expect("written");
+        let buffer = Buffer {
+            length: 8,
+            ..Buffer::default()
+        };
+        let mapping = Mapping::new(file.as_raw_fd(), &buffer).expect("mapped");
+        mapping.append_to(2..9, &mut Vec::new());
+    }
+}

@@ -1,0 +1,318 @@
+//! JPEG pictures as cameras and files deliver them (ITU-T T.81): completeness, missing Huffman tables, decoding.
+//!
+//! [`zune_jpeg`] decodes. What it does not do, this module does first, on one walk over the picture:
+//!
+//! * a picture whose data end before its pixels do is refused, with or without an end marker behind them: the decoder would fill
+//!   the rest with grey, which the background difference would take for an object. `scan` reads every code to know;
+//! * the size is compared before anything is allocated;
+//! * Motion-JPEG cameras omit the Huffman tables, because they are always the standard's; [`insert_huffman_tables`] puts them
+//!   back, for the decoder and for other readers of a recording;
+//! * what cameras do to pictures that are whole all the same is mended: a missing end marker, fill bytes before restart markers,
+//!   stray bytes behind the data.
+
+mod huffman;
+mod scan;
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use imgproc::Size;
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+use crate::image::jpeg::huffman::{Tables, define, standard_tables};
+use crate::image::jpeg::scan::{Coding, FrameHeader, ScanError, next_marker};
+use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
+
+/// Second byte of the markers that matter here (T.81, table B.1).
+const HUFFMAN_TABLES: u8 = 0xc4;
+const START_OF_IMAGE: u8 = 0xd8;
+const END_OF_IMAGE: u8 = 0xd9;
+const START_OF_SCAN: u8 = 0xda;
+const RESTART_INTERVAL: u8 = 0xdd;
+
+/// Most scans of a picture. Programs write up to about ten, and each costs time even where it has no data.
+const SCANS_MAX: usize = 100;
+
+/// Why a JPEG picture cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum JpegError {
+    /// The bytes do not begin like a JPEG picture, or what follows has no structure.
+    #[error("not a JPEG picture: no segment begins at byte {at} of {length}")]
+    NotJpeg {
+        /// Where a segment should begin.
+        at: usize,
+        /// Bytes given.
+        length: usize,
+    },
+    /// The picture ends before its pixels do.
+    #[error("JPEG picture cut off: its {length} bytes do not hold all of its pixels")]
+    Truncated {
+        /// Bytes given.
+        length: usize,
+    },
+    /// The picture ends without having had a frame header or a scan.
+    #[error("JPEG picture without pixels: it has no frame header or no scan")]
+    Empty,
+    /// The header claims more pixels than a picture may have.
+    #[error(
+        "JPEG picture that claims {}x{} pixels: sides must be 1 to {MAX_SIDE} pixels, and no more than {AREA_MAX} in all",
+        claimed.width, claimed.height
+    )]
+    TooLarge {
+        /// Size in the picture's header.
+        claimed: Size,
+    },
+    /// The picture has another size than its frame.
+    #[error(
+        "JPEG picture of {}x{} pixels where {}x{} were expected: all frames of a source must have one size",
+        found.width, found.height, expected.width, expected.height
+    )]
+    Size {
+        /// Size of the frame.
+        expected: Size,
+        /// Size in the picture's header.
+        found: Size,
+    },
+    /// The coded data have no meaning, or the decoder gave up.
+    #[error("damaged JPEG picture: {reason}")]
+    Damaged {
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// What one walk over a picture finds.
+struct Layout {
+    size: Size,
+    /// Whether any Huffman tables are defined.
+    has_tables: bool,
+    /// Where the first scan's header begins.
+    first_scan: usize,
+    /// Behind the last scan, or behind the end marker if there is one. Cameras pad their buffers behind it.
+    end: usize,
+    has_end_marker: bool,
+    /// Stretches in scans that belong to nothing.
+    junk: Vec<Range<usize>>,
+}
+
+/// Size of a JPEG picture that is whole: its data hold all of its pixels.
+///
+/// # Errors
+///
+/// [`JpegError`] when the bytes are not one whole JPEG picture.
+pub fn size(jpeg: &[u8]) -> Result<Size, JpegError> {
+    walk(jpeg).map(|layout| layout.size)
+}
+
+/// The picture as every decoder reads it: with the standard's Huffman tables (T.81, K.3) before its first scan, if it has none of
+/// its own, with an end-of-image marker, without what follows that, and without stray bytes. Borrowed when nothing had to be
+/// mended.
+///
+/// # Errors
+///
+/// [`JpegError`] when the bytes are not one whole JPEG picture.
+pub fn insert_huffman_tables(jpeg: &[u8]) -> Result<Cow<'_, [u8]>, JpegError> {
+    walk(jpeg).map(|layout| mended(jpeg, &layout))
+}
+
+fn mended<'a>(jpeg: &'a [u8], layout: &Layout) -> Cow<'a, [u8]> {
+    let picture = &jpeg[..layout.end];
+    if layout.has_tables && layout.has_end_marker && layout.junk.is_empty() {
+        return Cow::Borrowed(picture);
+    }
+    let (head, _) = picture.split_at(layout.first_scan);
+    let mut mended = head.to_vec();
+    if !layout.has_tables {
+        mended.extend(standard_tables());
+    }
+    let mut at = layout.first_scan;
+    for junk in &layout.junk {
+        mended.extend(&picture[at..junk.start]);
+        at = junk.end;
+    }
+    mended.extend(&picture[at..]);
+    if !layout.has_end_marker {
+        mended.extend([0xff, END_OF_IMAGE]);
+    }
+    Cow::Owned(mended)
+}
+
+/// Decodes a colour or grey picture to red, green, blue triples, `3 * expected.area()` bytes.
+///
+/// # Errors
+///
+/// [`JpegError`] when the picture is not whole or not of the expected size, or its coded data are damaged.
+pub fn decode_rgb(jpeg: &[u8], expected: Size) -> Result<Vec<u8>, JpegError> {
+    let layout = walk(jpeg)?;
+    if layout.size != expected {
+        return Err(JpegError::Size {
+            expected,
+            found: layout.size,
+        });
+    }
+    let options = DecoderOptions::default()
+        .set_strict_mode(true)
+        .jpeg_set_out_colorspace(ColorSpace::RGB);
+    let complete = mended(jpeg, &layout);
+    let damaged = |reason: String| JpegError::Damaged { reason };
+    let rgb = JpegDecoder::new_with_options(ZCursor::new(&complete), options)
+        .decode()
+        .map_err(|error| damaged(error.to_string()))?;
+    if rgb.len() != 3 * expected.area() {
+        return Err(damaged(format!("{} bytes of pixels", rgb.len())));
+    }
+    Ok(rgb)
+}
+
+/// Walks from segment to segment, so that a marker inside a thumbnail or a comment is not taken for one of the picture's, and
+/// through the data of each scan.
+fn walk(jpeg: &[u8]) -> Result<Layout, JpegError> {
+    let length = jpeg.len();
+    if !jpeg.starts_with(&[0xff, 0xd8]) {
+        return Err(JpegError::NotJpeg { at: 0, length });
+    }
+    let jpeg = without_padding(jpeg);
+    let cut_off = JpegError::Truncated { length };
+    let damaged = |reason: &str| JpegError::Damaged {
+        reason: reason.to_owned(),
+    };
+    let mut frame: Option<FrameHeader> = None;
+    let mut tables = Tables::default();
+    define_standard(&mut tables);
+    let (mut has_tables, mut first_scan, mut n_scans) = (false, None, 0);
+    let (mut restart_interval, mut junk) = (0, Vec::new());
+    let mut at = 2;
+    let has_end_marker = loop {
+        let rest = &jpeg[at.min(jpeg.len())..];
+        let is_whole = first_scan.is_some() && frame.as_ref().is_some_and(FrameHeader::is_complete);
+        match rest {
+            // Fewer bytes than a marker has are left of a padding; a start of image begins another picture.
+            [] | [_] | [0xff, START_OF_IMAGE, ..] if is_whole => break false,
+            // Any number of fill bytes may precede a marker.
+            [0xff, 0xff, ..] => at += 1,
+            [0xff, END_OF_IMAGE, ..] => break true,
+            // TEM and RSTn have no length.
+            [0xff, 0x01 | 0xd0..=0xd7, ..] => at += 2,
+            [0xff, marker, high, low, ..] => {
+                let n_bytes = usize::from(u16::from_be_bytes([*high, *low]));
+                let Some(content) = rest.get(4..2 + n_bytes) else {
+                    return Err(cut_off);
+                };
+                match *marker {
+                    HUFFMAN_TABLES => {
+                        has_tables = true;
+                        define(&mut tables, content)
+                            .ok_or_else(|| damaged("bad Huffman tables"))?;
+                    }
+                    RESTART_INTERVAL => {
+                        let interval = content
+                            .first_chunk()
+                            .ok_or_else(|| damaged("bad restart interval"))?;
+                        restart_interval = usize::from(u16::from_be_bytes(*interval));
+                    }
+                    0xc0..=0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => {
+                        frame = Some(frame_header(*marker, content)?);
+                    }
+                    _ => {}
+                }
+                at += 2 + n_bytes;
+                if *marker == START_OF_SCAN {
+                    first_scan = first_scan.or(Some(at - 2 - n_bytes));
+                    n_scans += 1;
+                    let Some(frame) = frame.as_mut().filter(|_| n_scans <= SCANS_MAX) else {
+                        return Err(if n_scans > SCANS_MAX {
+                            damaged("too many scans")
+                        } else {
+                            JpegError::Empty
+                        });
+                    };
+                    at = if frame.coding == Coding::Other {
+                        end_of_other_coding(jpeg, at)
+                    } else {
+                        scan::read(
+                            jpeg,
+                            at,
+                            content,
+                            frame,
+                            &tables,
+                            restart_interval,
+                            &mut junk,
+                        )
+                        .map_err(|error| match error {
+                            ScanError::Short => cut_off.clone(),
+                            ScanError::Damaged(reason) => damaged(reason),
+                        })?
+                    };
+                }
+            }
+            [] | [0xff] | [0xff, _] | [0xff, _, _] => return Err(cut_off),
+            _ => return Err(JpegError::NotJpeg { at, length }),
+        }
+    };
+    let (Some(frame), Some(first_scan)) = (frame, first_scan) else {
+        return Err(JpegError::Empty);
+    };
+    if !frame.is_complete() {
+        return Err(cut_off);
+    }
+    Ok(Layout {
+        size: frame.size,
+        has_tables,
+        first_scan,
+        end: (at + if has_end_marker { 2 } else { 0 }).min(jpeg.len()),
+        has_end_marker,
+        junk,
+    })
+}
+
+/// The picture without the zeros with which a camera pads its buffer: where there is no end marker, they would be read as pixels. A
+/// single one may belong to the data, as one behind a 255 does.
+fn without_padding(jpeg: &[u8]) -> &[u8] {
+    let end = jpeg
+        .iter()
+        .rposition(|&byte| byte != 0)
+        .map_or(0, |at| at + 1);
+    let n_zeros = jpeg.len() - end;
+    let is_pair = n_zeros > 0 && jpeg[..end].ends_with(&[0xff]);
+    &jpeg[..end + usize::from(is_pair || n_zeros == 1)]
+}
+
+fn define_standard(tables: &mut Tables) {
+    let segment = standard_tables();
+    // Marker and length come before the tables.
+    let defined = define(tables, &segment[4..]);
+    debug_assert!(defined.is_some());
+}
+
+fn frame_header(marker: u8, content: &[u8]) -> Result<FrameHeader, JpegError> {
+    // Precision, height, width.
+    if let Some(&[_, high_rows, low_rows, high_columns, low_columns]) = content.first_chunk() {
+        let claimed = Size {
+            width: usize::from(u16::from_be_bytes([high_columns, low_columns])),
+            height: usize::from(u16::from_be_bytes([high_rows, low_rows])),
+        };
+        if !size_is_possible(claimed) {
+            return Err(JpegError::TooLarge { claimed });
+        }
+    }
+    FrameHeader::parse(marker, content).ok_or_else(|| JpegError::Damaged {
+        reason: "bad frame header".to_owned(),
+    })
+}
+
+/// The first marker that does not belong to the coded data.
+fn end_of_other_coding(jpeg: &[u8], mut at: usize) -> usize {
+    loop {
+        at = next_marker(jpeg, at);
+        match jpeg.get(at + 1) {
+            Some(0xd0..=0xd7) => at += 2,
+            _ => return at,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

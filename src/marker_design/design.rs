@@ -1,0 +1,235 @@
+//! New markers: shapes that differ from each other, and from themselves upside down, as much as can be found.
+//!
+//! A shape is drawn by its distance from the centre of the plate in so many directions, the same on the left and on the right,
+//! joined by a smooth curve. Of many random ones those are kept that show a direction, and exactly; then, one after the other, the one
+//! is taken whose nearest neighbour among those taken is farthest away. How far two are apart is measured as recognition does it,
+//! on a small plate in a blurred picture: what only a large plate shows does not count.
+
+use std::f32::consts::TAU;
+
+use fourier::contour::resample;
+use fourier::descriptor::{Descriptor, describe};
+use fourier::matching::{compare, distances};
+
+use crate::marker::drawing::{Drawing, read_drawing, svg_of};
+use crate::marker::reference::Reference;
+use crate::marker::{self, Family, FamilyError, Marker, MarkerFile, SEPARATION_MIN};
+use crate::marker_design::bound::least_heading_sigma;
+use crate::marker_design::check::{GOOD_VIEW, is_read_on};
+
+/// Plate and blur, pixels, for which shapes are to differ.
+const PLATE_PX: f32 = 12.0;
+const BLUR_PX: f32 = 0.8;
+
+/// Plate on which a shape must be read in bad light, in which a smaller one is blurred too much to be sure of anything.
+const READ_PX: f32 = 14.0;
+
+/// Least distance on a small plate: half of what is asked for on a large one, for blur takes some of every difference.
+const SMALL_SEPARATION_MIN: f32 = SEPARATION_MIN / 2.0;
+
+/// Directions from up to down in which a shape has its own distance from the centre.
+const DIRECTIONS: usize = 8;
+
+/// Least and greatest distance from the centre, in units of the plate's side: what is thinner is lost on a small plate, and the
+/// plate's border must stay light.
+const RADIUS: (f32, f32) = (0.13, 0.4);
+
+/// From one direction to the next the distance changes by no more than this.
+const STEP_MAX: f32 = 0.22;
+
+/// Corners of an outline that are drawn.
+const CORNERS: usize = 96;
+
+/// Random shapes for each one that is wanted.
+const TRIED_FOR_EACH: usize = 600;
+
+/// A shape shows its direction this well at least.
+const ELONGATION_MIN: f32 = 0.13;
+
+/// Its heading can be read this exactly at least: standard deviation in radians, see [`GOOD_VIEW`].
+const HEADING_SIGMA_MAX: f32 = 0.001;
+
+/// A shape and what it looks like.
+struct Shape {
+    drawing: Drawing,
+    sharp: Descriptor,
+    small: Descriptor,
+}
+
+impl Shape {
+    /// `None` where nothing is seen of it on a small plate.
+    fn new(drawing: Drawing) -> Option<Self> {
+        let sharp = describe(&resample(&drawing.outline), marker::ELONGATION_MIN).ok()?;
+        let small = Reference::learn(&drawing, PLATE_PX, BLUR_PX)
+            .ok()?
+            .descriptor;
+        Some(Self {
+            drawing,
+            sharp,
+            small,
+        })
+    }
+
+    /// The same where it shows its direction well, on large plates and on small ones.
+    fn new_with_direction(drawing: Drawing) -> Option<Self> {
+        // Most random shapes end here, before anything is rendered.
+        let is_exact = least_heading_sigma(&drawing, GOOD_VIEW) <= HEADING_SIGMA_MAX;
+        let shape = is_exact.then(|| Self::new(drawing)).flatten()?;
+        let least = shape.sharp.elongation().min(shape.small.elongation());
+        (least >= ELONGATION_MIN).then_some(shape)
+    }
+
+    /// Distance from itself upside down, on a small plate; 0 where it is too little on a large one.
+    fn to_half_turn(&self) -> f32 {
+        let [_, sharp] = distances(&self.sharp, &self.sharp);
+        let [_, small] = distances(&self.small, &self.small);
+        if sharp < SEPARATION_MIN { 0.0 } else { small }
+    }
+
+    /// The same from another shape.
+    fn distance(&self, other: &Self) -> f32 {
+        let sharp = compare(&self.sharp, &other.sharp).distance;
+        let small = compare(&self.small, &other.small).distance;
+        if sharp < SEPARATION_MIN { 0.0 } else { small }
+    }
+}
+
+/// At most `count` shapes that can be told from each other and from the markers in `others`, best first. The same `seed` gives the
+/// same shapes.
+///
+/// # Errors
+///
+/// [`FamilyError`] when one of `others` is no marker.
+pub fn design(
+    count: usize,
+    seed: u64,
+    others: &[MarkerFile],
+) -> Result<Vec<MarkerFile>, FamilyError> {
+    let mut family = Family::from_files(others)?;
+    let mut taken = Vec::new();
+    for file in others {
+        taken.extend(Shape::new(read_drawing(&file.name, &file.svg)?));
+    }
+    let mut random = seed;
+    let mut shapes: Vec<Shape> = (0..count * TRIED_FOR_EACH)
+        .filter_map(|_| {
+            let outline = outline(&radii(&mut random));
+            Shape::new_with_direction(Drawing {
+                name: String::new(),
+                outline,
+            })
+        })
+        .collect();
+    let mut chosen = Vec::new();
+    while chosen.len() < count {
+        let nearest = |shape: &Shape| {
+            let to_others = taken.iter().map(|other| shape.distance(other));
+            to_others.fold(shape.to_half_turn(), f32::min)
+        };
+        let farthest = shapes
+            .iter()
+            .map(nearest)
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((index, _)) = farthest.filter(|(_, distance)| *distance >= SMALL_SEPARATION_MIN)
+        else {
+            break;
+        };
+        let shape = shapes.swap_remove(index);
+        let Ok(learned) = Marker::learn(&shape.drawing) else {
+            continue;
+        };
+        family.markers.push(learned);
+        if !is_read_on(&family, family.markers.len() - 1, &shape.drawing, READ_PX) {
+            family.markers.pop();
+            continue;
+        }
+        chosen.push(MarkerFile {
+            name: format!("shape{:02}", chosen.len() + 1),
+            svg: svg_of(&shape.drawing.outline),
+        });
+        taken.push(shape);
+    }
+    Ok(chosen)
+}
+
+/// Random radii from up to down.
+fn radii(random: &mut u64) -> [f32; DIRECTIONS + 1] {
+    let mut radii = [0.0; DIRECTIONS + 1];
+    let mut last = None::<f32>;
+    for radius in &mut radii {
+        let (least, most) = match last {
+            Some(last) => (RADIUS.0.max(last - STEP_MAX), RADIUS.1.min(last + STEP_MAX)),
+            None => RADIUS,
+        };
+        *radius = least + (most - least) * uniform(random);
+        last = Some(*radius);
+    }
+    radii
+}
+
+/// Uniform from 0 to 1 (splitmix64).
+fn uniform(state: &mut u64) -> f32 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut z = *state;
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
+}
+
+/// The outline of a shape whose radii are given from up to down.
+fn outline(radii: &[f32; DIRECTIONS + 1]) -> Vec<[f32; 2]> {
+    (0..CORNERS)
+        .map(|corner| {
+            let angle = TAU * corner as f32 / CORNERS as f32;
+            let (sin, cos) = angle.sin_cos();
+            let radius = radius_at(radii, angle);
+            [radius * sin, -radius * cos]
+        })
+        .collect()
+}
+
+/// The radius in a direction: through those given runs a smooth curve (Catmull and Rom 1974), kept within their limits.
+fn radius_at(radii: &[f32; DIRECTIONS + 1], angle: f32) -> f32 {
+    let at = angle / TAU * (2 * DIRECTIONS) as f32;
+    let from = at as usize;
+    let t = at - from as f32;
+    // Down the right side and up the left one.
+    let around = |i: usize| {
+        let i = i % (2 * DIRECTIONS);
+        radii[i.min(2 * DIRECTIONS - i)]
+    };
+    let [a, b, c, d] = [3, 4, 5, 6].map(|i| around(from + 2 * DIRECTIONS + i - 4));
+    let curve =
+        b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
+    curve.clamp(RADIUS.0, RADIUS.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::marker::built_in_files;
+    use crate::marker_design::check::check;
+
+    #[test]
+    fn designed_markers_are_a_usable_family_and_the_same_every_time() {
+        let others = built_in_files();
+        let designed = design(5, 1, &others).expect("the built-in markers");
+        assert_eq!(designed.len(), 5);
+        assert_eq!(designed, design(5, 1, &others).expect("as before"));
+        for check in check(&[others, designed].concat()) {
+            assert!(check.quality.is_ok(), "{check:?}");
+        }
+    }
+
+    #[test]
+    fn an_outline_is_the_same_on_both_sides_and_passes_its_radii() {
+        let radii = [0.4, 0.3, 0.2, 0.14, 0.2, 0.3, 0.36, 0.3, 0.2];
+        for i in 0..=DIRECTIONS {
+            let angle = TAU * i as f32 / (2 * DIRECTIONS) as f32;
+            assert!((radius_at(&radii, angle) - radii[i]).abs() < 1e-4, "{i}");
+            let (right, left) = (angle + 0.1, TAU - angle - 0.1);
+            assert!((radius_at(&radii, right) - radius_at(&radii, left)).abs() < 1e-4);
+        }
+    }
+}

@@ -1,0 +1,581 @@
+//! Recording: every frame and every result into one MCAP file, as protobuf messages with Foxglove's schemas.
+//!
+//! # What is in the file
+//!
+//! The camera's frames and the results of each, on the topics that [`topics`](crate::output::foxglove::topics) lists.
+//!
+//! Settings, markers, calibration and region stand before the first message ([`Provenance`]). A new floor is
+//! the attachment `background.png` ([`BackgroundModel`]), written before the first frame to which it applies: the order in the file is its meaning.
+//!
+//! A message's sequence is the frame's, in 32 bits. Its log time is the moment of exposure: on the wall clock for a camera,
+//! with an offset that is measured once so that a replay gets back the exact time stamps; for any other source the stamp
+//! itself, so that the same input gives the same file, byte for byte.
+//!
+//! # What survives a crash
+//!
+//! Messages collect in a chunk, compressed in memory. The chunk is handed to the operating system as soon as it covers
+//! [`FLUSH_INTERVAL_NS`] or holds [`CHUNK_BYTES`], so a killed process loses less than that. A chunk is on disk whole or,
+//! if the disk is full, taken off again: the file always ends with a whole chunk. What then lacks is the index at its end, which
+//! [`recover`](crate::output::mcap::recover) adds. Nothing is synchronised to the medium: a power failure may cost more.
+//!
+//! Chunks are compressed with zstd at level 1; the constant `ZSTD_LEVEL` says why.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use mcap::records::Metadata;
+use mcap::write::NoSeek;
+use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions};
+use nalgebra::{Matrix3, RowVector3};
+use rustix::time::{ClockId, clock_gettime};
+use scene::{FRAME_FLOOR, FRAME_IMAGE};
+
+use crate::background::model::BackgroundModel;
+use crate::output::foxglove::annotate;
+use crate::output::foxglove::image_message::{ImageEncoder, ImageError, ImageMode, ImageSchema};
+use crate::output::foxglove::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
+use crate::output::mcap::Mcap;
+use crate::output::mcap::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
+use crate::run::slot::{Slot, SourceInfo};
+use crate::run::status::counted;
+
+/// A chunk is written once its newest frame is this much later than the newest one in the file.
+pub const FLUSH_INTERVAL_NS: u64 = 500_000_000;
+/// A chunk is written once it holds this many uncompressed bytes; a reader needs about as much memory.
+pub const CHUNK_BYTES: usize = 8 << 20;
+
+/// Compression of the chunks. YUYV frames of 640x480 with noise of sigma 1 and 3 (of 255) shrink to .43 and .58 of their
+/// size in 6.3 and 1.5 ms; lz4 reaches .64 and .99 in 3.1 and 2.0 ms, level 3 .40 and .58 in 8.7 and 12 ms.
+const ZSTD_LEVEL: u32 = 1;
+
+/// Room for the end of a file without its chunks: the schemas, channels and counts once more.
+const INDEX_BYTES_MAX: u64 = 128 << 10;
+/// Room for the entry of a chunk in the index at the end.
+const CHUNK_INDEX_BYTES_MAX: u64 = 256;
+
+/// Writes a recording into one file; a [`Series`](crate::output::mcap::series::Series) writes several. Dropped without [`Recorder::finish`] it still closes the file as well as it can.
+pub struct Recorder {
+    path: PathBuf,
+    /// `None` after an error of the file: nothing can be written any more.
+    mcap: Option<Mcap>,
+    /// The file beside its writer's back: to learn its length, and to cut off what was written in part.
+    file: File,
+    images: ImageEncoder,
+    /// By whether their frames use the full range.
+    image_channels: [Option<ImageChannels>; 2],
+    results: ResultChannels,
+    wall_offset_ns: u64,
+    /// [`FRAME_IMAGE`] or [`FRAME_FLOOR`].
+    frame_of_results: u32,
+    image_from_floor: Option<Matrix3<f64>>,
+    /// Number of the frame before, which may be in the file before.
+    previous_sequence: Option<u64>,
+    /// Size that all messages of the next frame will hardly exceed.
+    frame_bytes_at_most: u64,
+    /// Chunks in the file, of which each has an entry in its index.
+    n_chunks: u64,
+    chunk: OpenChunk,
+    /// Stamp of the newest frame that is in the file.
+    flushed_stamp_ns: Option<u64>,
+    /// What a reader finds in the file as it is.
+    written: Summary,
+    /// Reused from message to message.
+    message: Vec<u8>,
+}
+
+/// What is in the chunk that is not yet in the file.
+#[derive(Default)]
+struct OpenChunk {
+    frames: u64,
+    skipped: u64,
+    missing: u64,
+    image_bytes: usize,
+    /// All messages, not compressed.
+    bytes: u64,
+    newest_stamp_ns: Option<u64>,
+}
+
+/// What a recording holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Summary {
+    /// Frames, those that were passed over included.
+    pub frames: u64,
+    /// Frames that were passed over.
+    pub skipped: u64,
+    /// Frames missing between recorded ones, by their sequence numbers.
+    pub missing: u64,
+    /// Size of the file.
+    pub bytes: u64,
+}
+
+/// Why a recording cannot be made or went no further.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file is there already.
+    #[error("{} exists already and is not overwritten; remove it or choose another name", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The folder for the file is not there.
+    #[error("{} cannot be created: there is no such folder; create it or choose another place", path.display())]
+    MissingFolder {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file cannot be created for another reason.
+    #[error("{} cannot be created ({source}); choose a place that you may write to", path.display())]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// There is no more room.
+    #[error(
+        "the disk is full: {} ends after {}; make room, then `overcam recover` completes the file", path.display(),
+        counted(*frames, "frame")
+    )]
+    DiskFull {
+        /// The file.
+        path: PathBuf,
+        /// Frames that it holds.
+        frames: u64,
+    },
+    /// The file cannot be written any more for another reason.
+    #[error(
+        "{} cannot be written any more ({source}) and ends after {}; `overcam recover` completes the file",
+        path.display(),
+        counted(*frames, "frame")
+    )]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Frames that it holds.
+        frames: u64,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// An earlier error ended the recording.
+    #[error("{} is not written any more since an earlier error", path.display())]
+    Stopped {
+        /// The file.
+        path: PathBuf,
+    },
+    /// One frame cannot be stored; the recording goes on.
+    #[error("frame {sequence} cannot be recorded: {source}")]
+    Image {
+        /// Number of the frame.
+        sequence: u64,
+        /// Why.
+        source: ImageError,
+    },
+}
+
+impl RecordError {
+    /// Whether the recording has ended with this error. Otherwise it lacks one frame and goes on.
+    #[must_use]
+    pub fn is_final(&self) -> bool {
+        !matches!(self, Self::Image { .. })
+    }
+}
+
+/// What every file of a recording starts with.
+#[derive(Debug, Clone)]
+pub(crate) struct Start {
+    info: SourceInfo,
+    provenance: Provenance,
+    mode: ImageMode,
+}
+
+impl Start {
+    pub(crate) fn new(info: SourceInfo, provenance: Provenance, mode: ImageMode) -> Self {
+        Self {
+            info,
+            provenance,
+            mode,
+        }
+    }
+}
+
+/// What goes on from one file of a recording to the next.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Continuation<'a> {
+    wall_offset_ns: u64,
+    previous_sequence: Option<u64>,
+    /// The floor in use, and the stamp of the frame from which on it is.
+    floor: Option<(&'a BackgroundModel, u64)>,
+}
+
+impl<'a> Continuation<'a> {
+    /// With the floor from which the next file starts.
+    pub(crate) fn with_floor(self, floor: Option<&'a BackgroundModel>, stamp_ns: u64) -> Self {
+        Self {
+            floor: floor.map(|floor| (floor, stamp_ns)),
+            ..self
+        }
+    }
+}
+
+impl Recorder {
+    /// Creates the file and writes everything that is known before the first frame.
+    ///
+    /// # Errors
+    ///
+    /// [`RecordError`] when the file exists already, cannot be created or cannot be written.
+    pub fn create(
+        path: &Path,
+        info: &SourceInfo,
+        provenance: &Provenance,
+        mode: ImageMode,
+    ) -> Result<Self, RecordError> {
+        let start = Start::new(info.clone(), provenance.clone(), mode);
+        Self::start_file(path, &start, None)
+    }
+
+    /// Creates a file that begins a recording, or goes on with one.
+    pub(crate) fn start_file(
+        path: &Path,
+        start: &Start,
+        before: Option<&Continuation>,
+    ) -> Result<Self, RecordError> {
+        let file = create_file(path)?;
+        Self::start(path, file, start, before).map_err(|error| {
+            // What is of no use must not stand in the way of the next attempt.
+            let _ = fs::remove_file(path);
+            write_error(path, 0, error)
+        })
+    }
+
+    fn start(
+        path: &Path,
+        file: File,
+        Start {
+            info,
+            provenance,
+            mode,
+        }: &Start,
+        before: Option<&Continuation>,
+    ) -> McapResult<Self> {
+        let wall_offset_ns = match before {
+            Some(before) => before.wall_offset_ns,
+            None if info.live => wall_offset_ns(),
+            None => 0,
+        };
+        let mut mcap = open_mcap(file.try_clone()?)?;
+        mcap.write_metadata(&Metadata {
+            name: METADATA_NAME.to_owned(),
+            metadata: provenance::to_metadata(info, provenance, *mode, wall_offset_ns),
+        })?;
+        for attached in provenance.attached_files() {
+            attach(
+                &mut mcap,
+                &attached.name,
+                attached.media_type,
+                attached.data,
+                wall_offset_ns,
+            )?;
+        }
+        if let Some((floor, stamp_ns)) = before.and_then(|before| before.floor) {
+            let log_time_ns = stamp_ns.wrapping_add(wall_offset_ns);
+            let png = floor.to_png();
+            attach(&mut mcap, BACKGROUND_NAME, "image/png", &png, log_time_ns)?;
+        }
+        mcap.flush()?;
+        Ok(Self {
+            path: path.to_owned(),
+            results: ResultChannels::add(&mut mcap)?,
+            mcap: Some(mcap),
+            images: ImageEncoder::new(*mode, info),
+            image_channels: Default::default(),
+            wall_offset_ns,
+            frame_of_results: if provenance.floor_from_image.is_some() {
+                FRAME_FLOOR
+            } else {
+                FRAME_IMAGE
+            },
+            image_from_floor: provenance.floor_from_image.and_then(inverse),
+            previous_sequence: before.and_then(|before| before.previous_sequence),
+            frame_bytes_at_most: 0,
+            n_chunks: 0,
+            chunk: OpenChunk::default(),
+            flushed_stamp_ns: None,
+            written: Summary {
+                bytes: file.metadata()?.len(),
+                ..Summary::default()
+            },
+            file,
+            message: Vec::new(),
+        })
+    }
+
+    /// What the next file of the recording must know.
+    pub(crate) fn continuation(&self) -> Continuation<'static> {
+        Continuation {
+            wall_offset_ns: self.wall_offset_ns,
+            previous_sequence: self.previous_sequence,
+            floor: None,
+        }
+    }
+
+    /// Size that the file will hardly exceed if it is finished after so many more frames like the last one, with twice as
+    /// many objects and, where pictures are compressed, twice as much in them.
+    pub(crate) fn bytes_at_most(&self, more_frames: u64) -> u64 {
+        self.written.bytes
+            + self.chunk.bytes
+            + more_frames * self.frame_bytes_at_most
+            + INDEX_BYTES_MAX
+            + self.n_chunks * CHUNK_INDEX_BYTES_MAX
+    }
+
+    /// Writes one frame, the background that applies from it on, and its results: the slot's scene, if the frame was processed
+    /// and the scene has its number and its time stamp. A slot is reused; that of a frame without results, because the
+    /// background was still being learned, may hold an older scene.
+    ///
+    /// # Errors
+    ///
+    /// [`RecordError::Image`] leaves out one frame and the recording goes on; after any other error it has ended, the file
+    /// holds what was flushed before, and further calls give [`RecordError::Stopped`].
+    ///
+    /// # Panics
+    ///
+    /// If the background is empty, or its planes or its noise do not have its size.
+    pub fn write(&mut self, slot: &Slot) -> Result<(), RecordError> {
+        let Some(mut mcap) = self.mcap.take() else {
+            return Err(RecordError::Stopped {
+                path: self.path.clone(),
+            });
+        };
+        // Encoded before anything is written, so that an unusable frame leaves no trace.
+        let timestamp = timestamp(self.log_time_ns(slot.frame.stamp_ns));
+        let encoded = self
+            .images
+            .encode(&slot.frame, timestamp, &mut self.message);
+        if let Err(source) = encoded {
+            self.mcap = Some(mcap);
+            return Err(RecordError::Image {
+                sequence: slot.frame.sequence,
+                source,
+            });
+        }
+        if let Err(error) = self.write_slot(&mut mcap, slot) {
+            return Err(self.stop(mcap, error));
+        }
+        self.mcap = Some(mcap);
+        Ok(())
+    }
+
+    /// What the file holds as it is. What came since the last flush is not in it yet.
+    #[must_use]
+    pub fn written(&self) -> Summary {
+        self.written
+    }
+
+    /// Writes what is left and the index.
+    ///
+    /// # Errors
+    ///
+    /// [`RecordError`] when there is no room for the rest; [`RecordError::Stopped`] when the recording had ended before.
+    pub fn finish(mut self) -> Result<Summary, RecordError> {
+        let Some(mut mcap) = self.mcap.take() else {
+            return Err(RecordError::Stopped {
+                path: self.path.clone(),
+            });
+        };
+        let finished = self.flush(&mut mcap).and_then(|()| {
+            mcap.finish()?;
+            Ok(self.file.metadata()?.len())
+        });
+        match finished {
+            Ok(bytes) => Ok(Summary {
+                bytes,
+                ..self.written
+            }),
+            Err(error) => Err(self.stop(mcap, error)),
+        }
+    }
+
+    /// Writes a slot whose image message is in `self.message`.
+    fn write_slot(&mut self, mcap: &mut Mcap, slot: &Slot) -> McapResult<()> {
+        let frame = &slot.frame;
+        let log_time_ns = self.log_time_ns(frame.stamp_ns);
+        if let Some(background) = &slot.background {
+            self.flush(mcap)?;
+            let png = background.to_png();
+            attach(mcap, BACKGROUND_NAME, "image/png", &png, log_time_ns)?;
+        }
+        let image_bytes = self.message.len();
+        let channels = self.image_channels(mcap, frame.full_range)?;
+        let channel_id = if slot.skipped {
+            channels.skipped
+        } else {
+            channels.processed
+        };
+        let mut writer = FrameWriter::new(mcap, frame.sequence, log_time_ns, &mut self.message);
+        writer.write_encoded(channel_id)?;
+        let missing = missing_before(self.previous_sequence, frame.sequence);
+        if missing > 0 {
+            let are_missing = match missing {
+                1 => "1 frame is missing".to_owned(),
+                _ => format!("{missing} frames are missing"),
+            };
+            let text = format!("{are_missing} before frame {}", frame.sequence);
+            writer.write(
+                self.results.log,
+                &annotate::warning(text, writer.timestamp()),
+            )?;
+        }
+        if self.written.frames + self.chunk.frames == 0 {
+            let transform = annotate::root_transform(self.frame_of_results, writer.timestamp());
+            writer.write(self.results.transform, &transform)?;
+        }
+        let scene = &slot.scene;
+        let is_of_this_frame = (scene.sequence, scene.stamp_ns) == (frame.sequence, frame.stamp_ns);
+        if !slot.skipped && is_of_this_frame {
+            writer.write_scene(&self.results, scene, self.image_from_floor.as_ref())?;
+        }
+        let frame_bytes = writer.bytes();
+        self.frame_bytes_at_most = match self.images.schema() {
+            ImageSchema::Raw => 2 * frame_bytes - image_bytes as u64,
+            ImageSchema::Compressed => 2 * frame_bytes,
+        };
+        self.previous_sequence = Some(frame.sequence);
+        self.chunk.frames += 1;
+        self.chunk.skipped += u64::from(slot.skipped);
+        self.chunk.missing += missing;
+        self.chunk.image_bytes += image_bytes;
+        self.chunk.bytes += frame_bytes;
+        self.chunk.newest_stamp_ns = Some(frame.stamp_ns);
+        // The very first frame is flushed at once: from then on the file can be replayed.
+        let is_due = self
+            .flushed_stamp_ns
+            .is_none_or(|flushed_ns| frame.stamp_ns.abs_diff(flushed_ns) >= FLUSH_INTERVAL_NS);
+        if is_due || self.chunk.image_bytes >= CHUNK_BYTES {
+            self.flush(mcap)?;
+        }
+        Ok(())
+    }
+
+    /// Hands the open chunk to the operating system.
+    fn flush(&mut self, mcap: &mut Mcap) -> McapResult<()> {
+        mcap.flush()?;
+        self.n_chunks += 1;
+        let chunk = std::mem::take(&mut self.chunk);
+        self.flushed_stamp_ns = chunk.newest_stamp_ns.or(self.flushed_stamp_ns);
+        self.written = Summary {
+            frames: self.written.frames + chunk.frames,
+            skipped: self.written.skipped + chunk.skipped,
+            missing: self.written.missing + chunk.missing,
+            bytes: self.file.metadata()?.len(),
+        };
+        Ok(())
+    }
+
+    /// Ends the recording after an error: the file is cut back to what a reader can use.
+    fn stop(&mut self, mcap: Mcap, error: McapError) -> RecordError {
+        // The buffer's remains must not be written behind the cut, as dropping it would.
+        let (file, _unwritten) = mcap.into_inner().into_inner().into_parts();
+        drop(file);
+        // If this fails too, the file ends within a chunk, and readers stop before it just as well.
+        let _ = self.file.set_len(self.written.bytes);
+        write_error(&self.path, self.written.frames, error)
+    }
+
+    fn image_channels(&mut self, mcap: &mut Mcap, full_range: bool) -> McapResult<ImageChannels> {
+        let known = &mut self.image_channels[usize::from(full_range)];
+        if let Some(channels) = *known {
+            return Ok(channels);
+        }
+        let channels = ImageChannels::add(mcap, self.images.schema(), full_range)?;
+        *known = Some(channels);
+        Ok(channels)
+    }
+
+    fn log_time_ns(&self, stamp_ns: u64) -> u64 {
+        // Wrapping, so that a replay gets back any stamp by subtracting.
+        stamp_ns.wrapping_add(self.wall_offset_ns)
+    }
+}
+
+/// Creates a file that is not there yet.
+pub(crate) fn create_file(path: &Path) -> Result<File, RecordError> {
+    File::create_new(path).map_err(|source| {
+        let path = path.to_owned();
+        match source.kind() {
+            io::ErrorKind::AlreadyExists => RecordError::Exists { path },
+            io::ErrorKind::NotFound => RecordError::MissingFolder { path },
+            _ => RecordError::Create { path, source },
+        }
+    })
+}
+
+/// Starts an MCAP file. Chunks are put together in memory and end only with a flush, so that each is on disk whole or not at
+/// all.
+pub(crate) fn open_mcap(file: File) -> McapResult<Mcap> {
+    WriteOptions::new()
+        .library(concat!("overcam ", env!("CARGO_PKG_VERSION")))
+        .compression(Some(Compression::Zstd))
+        .compression_level(ZSTD_LEVEL)
+        .compression_threads(0)
+        .chunk_size(None)
+        .disable_seeking(true)
+        .create(NoSeek::new(BufWriter::new(file)))
+}
+
+/// The error of a file that could not be written further.
+pub(crate) fn write_error(path: &Path, frames: u64, error: McapError) -> RecordError {
+    let path = path.to_owned();
+    let source = match error {
+        McapError::Io(source) => source,
+        other => io::Error::other(other),
+    };
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            RecordError::DiskFull { path, frames }
+        }
+        _ => RecordError::Write {
+            path,
+            frames,
+            source,
+        },
+    }
+}
+
+fn attach(
+    mcap: &mut Mcap,
+    name: &str,
+    media_type: &str,
+    data: &[u8],
+    log_time_ns: u64,
+) -> McapResult<()> {
+    // The open chunk is closed first, so that attachments and messages keep their order.
+    mcap.attach(&Attachment {
+        log_time: log_time_ns,
+        create_time: log_time_ns,
+        name: name.to_owned(),
+        media_type: media_type.to_owned(),
+        data: data.into(),
+    })
+}
+
+fn missing_before(previous: Option<u64>, sequence: u64) -> u64 {
+    previous.map_or(0, |previous| {
+        sequence.saturating_sub(previous).saturating_sub(1)
+    })
+}
+
+fn inverse(rows: [[f64; 3]; 3]) -> Option<Matrix3<f64>> {
+    Matrix3::from_rows(&rows.map(RowVector3::from)).try_inverse()
+}
+
+/// Wall clock less monotonic clock.
+fn wall_offset_ns() -> u64 {
+    let monotonic = clock_gettime(ClockId::Monotonic);
+    let monotonic = Duration::new(monotonic.tv_sec as u64, monotonic.tv_nsec as u32);
+    let wall = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or(monotonic);
+    u64::try_from(wall.saturating_sub(monotonic).as_nanos()).unwrap_or(0)
+}
