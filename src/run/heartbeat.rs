@@ -6,14 +6,16 @@ use scene::{CLOCK_MONOTONIC, SOURCE_WAITING, Scene};
 
 /// From one scene without a frame to the next.
 const PERIOD: Duration = Duration::from_secs(1);
-/// So long, and so many times the usual distance between frames, may pass without a frame before it is said that none comes.
-const SILENCE: (Duration, f64) = (Duration::from_secs(1), 3.0);
+/// So long, and so many times the distance of the last two frames, may pass without a frame before it is said that none comes. The rate
+/// that a camera states is not always the one at which it is fed.
+const SILENCE: (Duration, u32) = (Duration::from_secs(1), 3);
 
 /// The scene that stands for no frame, and when it is due.
 #[derive(Debug)]
 pub(super) struct Heartbeat {
     scene: Box<Scene>,
-    silence: Duration,
+    /// From one frame to the next: as the camera states it, then as it was.
+    interval: Duration,
     last_frame: Option<Instant>,
     last_sent: Option<Instant>,
 }
@@ -21,7 +23,7 @@ pub(super) struct Heartbeat {
 impl Heartbeat {
     /// `rate_hz` is the camera's, where it states it, `frame` that of its scenes ([`Scene::frame`]).
     pub(super) fn new(rate_hz: Option<f64>, frame: u32) -> Self {
-        let usual_s = rate_hz.map_or(0.0, |rate_hz| SILENCE.1 / rate_hz.max(1e-3));
+        let interval_s = rate_hz.map_or(0.0, |rate_hz| 1.0 / rate_hz.max(1e-3));
         Self {
             scene: Box::new(Scene {
                 frame,
@@ -29,7 +31,7 @@ impl Heartbeat {
                 clock: CLOCK_MONOTONIC,
                 ..Scene::EMPTY
             }),
-            silence: SILENCE.0.max(Duration::from_secs_f64(usual_s)),
+            interval: Duration::from_secs_f64(interval_s),
             last_frame: None,
             last_sent: None,
         }
@@ -38,6 +40,10 @@ impl Heartbeat {
     /// A frame has come, with this scene or with none of its own.
     pub(super) fn frame(&mut self, sequence: u64, stamp_ns: u64, now: Instant) {
         (self.scene.sequence, self.scene.stamp_ns) = (sequence, stamp_ns);
+        // An outage tells nothing of the usual interval.
+        if let (Some(last), None) = (self.last_frame, self.last_sent) {
+            self.interval = now.saturating_duration_since(last);
+        }
         self.last_frame = Some(now);
         self.last_sent = None;
     }
@@ -50,7 +56,8 @@ impl Heartbeat {
     /// The scene to publish, if it is time for one: at once when the camera is known to be lost, otherwise when it has been
     /// silent for long, and then every second. Nothing is due before the first frame. `now_ns` is on the clock of the stamps.
     pub(super) fn due(&mut self, is_lost: bool, now: Instant, now_ns: u64) -> Option<&Scene> {
-        let is_silent = now.saturating_duration_since(self.last_frame?) >= self.silence;
+        let silence = SILENCE.0.max(SILENCE.1 * self.interval);
+        let is_silent = now.saturating_duration_since(self.last_frame?) >= silence;
         let is_due = self
             .last_sent
             .is_none_or(|sent| now.saturating_duration_since(sent) >= PERIOD);
@@ -106,6 +113,21 @@ mod tests {
         assert_eq!((scene.source, scene.sequence), (SOURCE_WAITING, 17));
         assert_eq!((scene.frame, scene.light), (FRAME_FLOOR, LIGHT_DARK));
         assert_eq!((scene.frame_age_s, scene.n_objects), (0.25, 0));
+    }
+
+    #[test]
+    fn a_camera_that_is_slower_than_it_states_is_not_silent() {
+        let start = Instant::now();
+        let mut heartbeat = Heartbeat::new(Some(30.0), 0);
+        for i in 0..10 {
+            heartbeat.frame(u64::from(i), 0, start + 900 * i * MS);
+        }
+        let last = start + 8100 * MS;
+        assert!(heartbeat.due(false, last + 2699 * MS, 0).is_none());
+        assert!(heartbeat.due(false, last + 2700 * MS, 0).is_some());
+        // What was an outage is not taken for the usual interval.
+        heartbeat.frame(10, 0, last + 60_000 * MS);
+        assert!(heartbeat.due(false, last + 62_700 * MS, 0).is_some());
     }
 
     #[test]

@@ -145,11 +145,13 @@ fn shown(run: &str, feed: &HashMap<Vec<u8>, u64>) -> HashMap<u64, u64> {
     shown
 }
 
+/// Those with a frame: an emulated camera may be silent for a while.
 fn scenes(run: &str) -> Vec<Value> {
     fs::read_to_string(file(&format!("{run}.json")))
         .expect("JSON lines")
         .lines()
         .map(|line| serde_json::from_str(line).expect("valid JSON"))
+        .filter(|scene: &Value| scene["source"] == "running")
         .collect()
 }
 
