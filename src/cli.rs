@@ -20,8 +20,8 @@ use crate::settings::{self, Settings};
 
 /// One camera on the ceiling becomes a positioning service for everything on the floor.
 ///
-/// Without arguments a built-in demo floor is shown; no camera is needed. Robots and targets with a printed marker get a pose,
-/// everything else is an obstacle with an outline, everything that moves gets a forecast.
+/// Without arguments, a built-in demo runs; no camera is needed. Robots and targets with a printed marker get a pose,
+/// everything else is an obstacle with an outline, and everything that moves gets a forecast.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true)]
 #[command(
@@ -44,12 +44,12 @@ pub struct Cli {
 pub enum Command {
     /// List the cameras with their formats, sizes, rates and controls
     Devices,
-    /// Learn the empty floor, over which objects may move, and write it into a file for --background
+    /// Learn the empty floor and write it to a file for --background; objects may move over it meanwhile
     Background(BackgroundArgs),
     /// Check marker drawings, print them, design new ones, or learn one from a view
     #[command(subcommand)]
     Markers(MarkersCommand),
-    /// Show what a running overcam publishes: a table on a terminal, elsewhere lines as --json prints them
+    /// Show what a running overcam publishes: a table on a terminal, otherwise JSON lines as with --json
     Watch {
         /// Name of the service
         #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
@@ -60,16 +60,16 @@ pub enum Command {
         /// Stop after this many scenes
         #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
         frames: Option<u64>,
-        /// Print one JSON object a scene, on a terminal too
+        /// Print JSON lines on a terminal, too
         #[arg(long)]
         json: bool,
     },
-    /// Print a systemd unit that locates with these arguments: overcam service ARGUMENTS > overcam.service
+    /// Print a systemd unit that runs overcam with these arguments: overcam service ARGUMENTS > overcam.service
     ///
-    /// Paths become absolute, and a camera is called by the name that it keeps (/dev/v4l/by-id). Each start records into a file of
-    /// its own. The first lines of the unit say how to install it.
+    /// Paths are made absolute, and the stable name of the camera is used (/dev/v4l/by-id). Each start records to a new file.
+    /// The first lines of the unit say how to install it.
     Service(Box<RunArgs>),
-    /// Rewrite what is readable of a recording that was cut off
+    /// Repair a truncated recording: copy everything readable to a new file
     Recover {
         /// The recording
         file: PathBuf,
@@ -77,9 +77,9 @@ pub enum Command {
         #[arg(short, long, value_parser = ending_in(&["mcap"]))]
         output: PathBuf,
     },
-    /// Print the manual page, for man: overcam man > overcam.1
+    /// Print the man page: overcam man > overcam.1
     Man,
-    /// Print a script that makes a shell complete the arguments
+    /// Print a completion script for a shell
     ///
     /// bash: overcam completions bash > ~/.local/share/bash-completion/completions/overcam. zsh: into a file _overcam of a folder in
     /// $fpath. fish: > ~/.config/fish/completions/overcam.fish. elvish and powershell: read it in at the start.
@@ -92,40 +92,40 @@ pub enum Command {
 /// What to do with marker drawings.
 #[derive(Debug, Subcommand)]
 pub enum MarkersCommand {
-    /// Say how well each marker shows its direction, which other it is nearest to, and how small it may be in the picture
+    /// Show the accuracy, the most similar other marker and the smallest readable size of each marker
     ///
-    /// Ends with status 1 when one of them cannot be used, and says why.
+    /// Exits with status 1 and the reason if one cannot be used.
     Check {
         /// Folder of marker drawings (SVG); without it the built-in ones
         folder: Option<PathBuf>,
-        /// Points in pixels and metres (TOML): sizes are then also in centimetres on the floor
+        /// Calibration points (TOML); sizes are then also given in centimetres on the floor
         #[arg(long, value_name = "FILE")]
         calibration: Option<PathBuf>,
     },
-    /// Design new markers that can be told from each other and from those that there are
+    /// Design new markers that differ from each other and from existing ones
     Design {
         /// How many
         #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=100))]
         count: u32,
-        /// Folder for the drawings (SVG); it is made where there is none
+        /// Folder for the drawings (SVG); created if missing
         #[arg(short, long, value_name = "DIR")]
         output: PathBuf,
         /// Folder of marker drawings that will be used with the new ones
         #[arg(long, value_name = "DIR")]
         beside: Option<PathBuf>,
-        /// Another number gives other shapes
+        /// Seed; another number gives other shapes
         #[arg(long, value_name = "N", default_value_t = 1)]
         seed: u64,
     },
-    /// Make a drawing of a shape that was cut by hand, from a view of it on its plate
+    /// Make a marker drawing from a shape that was cut by hand
     ///
-    /// The dark shape lies on a light, square plate on a darker floor, with light all around it, and points up in the picture. The
-    /// larger it is seen, the better. Ends with status 1, and writes nothing, when it cannot be used as a marker.
+    /// The dark shape lies on a light, square plate on a darker floor and points up in the picture. The larger it appears, the
+    /// better. Exits with status 1 and writes nothing if it cannot be used as a marker.
     Learn {
         /// Where frames come from.
         #[command(flatten)]
         source: SourceArgs,
-        /// The new drawing (SVG); the marker is called like the file
+        /// The new drawing (SVG); the file name is the marker's name
         #[arg(short, long, value_name = "FILE", value_parser = ending_in(&["svg"]))]
         output: PathBuf,
         /// Folder of marker drawings that will be used with the new one
@@ -135,11 +135,11 @@ pub enum MarkersCommand {
         #[arg(long, value_name = "N", default_value_t = 30, value_parser = number(settings::LEARN))]
         learn: u32,
     },
-    /// Draw the markers in their true size on A4 pages, with names and cut lines
+    /// Draw the markers at true size on A4 pages, with names and cut lines
     Sheet {
         /// Folder of marker drawings (SVG); without it the built-in ones
         folder: Option<PathBuf>,
-        /// The file, PDF or SVG; where one page of SVG is not enough, the others are FILE-2.svg and so on
+        /// PDF or SVG file; further SVG pages are FILE-2.svg and so on
         #[arg(short, long, value_name = "FILE", value_parser = ending_in(&["pdf", "svg"]))]
         output: PathBuf,
         /// Side of a plate, millimetres
@@ -154,12 +154,12 @@ pub enum MarkersCommand {
 /// Where frames come from.
 #[derive(Debug, Args)]
 pub struct SourceArgs {
-    /// Camera, MCAP recording, Y4M file or pipe, - for Y4M on standard input, folder of PNG/JPEG files, or demo; told by what it is,
-    /// not by its name
+    /// Camera, MCAP recording, Y4M file or pipe, - for Y4M on standard input, folder of PNG/JPEG files, or demo; detected by
+    /// content, not by name
     #[arg(long, default_value = "demo", value_hint = ValueHint::AnyPath)]
     pub device: String,
-    /// Size of the camera's or the demo's frames, as 640x480; without it the camera's largest up to 1920x1080 that it gives at 25
-    /// frames/s or more
+    /// Frame size of the camera or the demo, e.g. 640x480 [default for a camera: the largest up to 1920x1080 at 25 frames/s or
+    /// more]
     #[arg(long, value_parser = parse_size)]
     pub size: Option<Size>,
     /// Frames per second of the camera, or of a folder of pictures
@@ -168,8 +168,8 @@ pub struct SourceArgs {
     /// Pixel format of the camera: yuyv, uyvy, nv12, grey, rgb or mjpg
     #[arg(long, value_parser = parse_format)]
     pub format: Option<PixelFormat>,
-    /// Leave the camera's automatics on, except of what is given; otherwise exposure, gain, white balance and focus are locked
-    /// at what they are a second after the start
+    /// Leave the camera's automatics on, except for values given here; otherwise exposure, gain, white balance and focus are
+    /// locked one second after the start
     #[arg(long)]
     pub camera_auto: bool,
     /// Exposure time of the camera, in microseconds
@@ -211,7 +211,7 @@ pub struct BackgroundArgs {
     /// Where frames come from.
     #[command(flatten)]
     pub source: SourceArgs,
-    /// The PNG file; one that is there already is replaced
+    /// The PNG file; an existing one is replaced
     #[arg(short, long, value_name = "FILE", value_parser = ending_in(&["png"]))]
     pub output: PathBuf,
     /// Learn from N frames, or from all of a file that has fewer
@@ -231,52 +231,52 @@ pub struct RunArgs {
     /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
     #[arg(long, value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
     pub record_jpeg: Option<u8>,
-    /// Go on in a new file, FILE-2, FILE-3 and so on, before one grows larger than this, in gigabytes (10^9 bytes)
+    /// Continue in a new file (FILE-2, FILE-3, ...) before one exceeds this size, in gigabytes (10^9 bytes)
     #[arg(long, value_name = "GB", requires = "record", value_parser = number(GIGABYTES))]
     pub record_max: Option<f64>,
-    /// Go on in a new file, FILE-2, FILE-3 and so on, after this many minutes
+    /// Continue in a new file (FILE-2, FILE-3, ...) after this many minutes
     #[arg(long, value_name = "N", requires = "record", value_parser = number(MINUTES))]
     pub record_minutes: Option<f64>,
-    /// The empty floor: a PNG file of `overcam background`, or a picture of it, PNG or JPEG
+    /// Picture of the empty floor: PNG or JPEG, or a file of `overcam background`
     #[arg(long, value_name = "FILE", conflicts_with = "learn")]
     pub background: Option<PathBuf>,
-    /// Learn the empty floor from the first N frames
+    /// Learn the empty floor from the first N frames [default: 30]
     #[arg(long, value_name = "N", value_parser = number(settings::LEARN))]
     pub learn: Option<u32>,
-    /// Picture of the frames' size, PNG or JPEG: what is dark or transparent in it is not looked at
+    /// Mask image of the frames' size, PNG or JPEG; dark or transparent pixels are ignored
     #[arg(long, value_name = "FILE")]
     pub region: Option<PathBuf>,
     /// Folder of marker drawings (SVG) that replace the built-in ones
     #[arg(long, value_name = "DIR")]
     pub markers: Option<PathBuf>,
-    /// Points in pixels and metres (TOML): all results are then on the floor, in metres
+    /// Calibration points in pixels and metres (TOML); all results are then in metres on the floor
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
-    /// Side of the printed plates in millimetres, with --calibration: what has another size on the floor is no marker
+    /// Side of the printed plates in millimetres, with --calibration; anything a third smaller or larger is not a marker
     #[arg(long, value_name = "MM", value_parser = number(settings::PLATE_MM))]
     pub plate: Option<f32>,
     /// Name of the shared-memory services
     #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
     pub service: String,
-    /// Let the members of this group subscribe, too, and nobody else; planners find it with OVERCAM_GROUP=NAME
+    /// Let members of this group subscribe; planners set OVERCAM_GROUP=NAME
     #[arg(long, value_name = "NAME", conflicts_with = "no_publish")]
     pub group: Option<String>,
     /// Do not publish in shared memory
     #[arg(long)]
     pub no_publish: bool,
-    /// Print one JSON object a frame on standard output
+    /// Print one JSON object per frame on standard output
     #[arg(long)]
     pub json: bool,
     /// Stop after N frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
-    /// End with status 1 when the camera is unplugged or stalls, instead of waiting until it is back
+    /// Exit with status 1 if the camera is unplugged or stalls, instead of waiting for it
     #[arg(long)]
     pub no_wait: bool,
-    /// Least difference from the floor that an object has somewhere, in units of the noise
+    /// Foreground threshold in multiples of the noise [default: 5]
     #[arg(long, value_name = "SUM", value_parser = number(settings::THRESHOLD))]
     pub threshold: Option<f32>,
-    /// Smallest object, in square pixels
+    /// Smallest object, in square pixels [default: 80]
     #[arg(long, value_name = "PX2", value_parser = number(settings::AREA_MIN))]
     pub area_min: Option<u32>,
 }
