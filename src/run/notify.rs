@@ -47,7 +47,7 @@ impl Notify {
         self.tell("STOPPING=1");
     }
 
-    /// The run lives. To be called often; `status` is asked for now and then.
+    /// The run is alive. To be called often; `status` is called only when a text is due.
     pub(crate) fn alive(&mut self, status: impl FnOnce() -> String) {
         if self.socket.is_none() {
             return;

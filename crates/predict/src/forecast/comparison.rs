@@ -42,7 +42,7 @@ pub(crate) struct Comparison<'a> {
 }
 
 impl Issued {
-    /// A placeholder.
+    /// The value before there is anything to hold.
     pub(crate) const NONE: Self = Self {
         newest: Sample::EMPTY,
         n_samples: 0,
