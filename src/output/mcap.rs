@@ -1,6 +1,7 @@
 //! MCAP files: [`record`] writes one, [`series`] several after each other, [`recover`] mends one that was cut off. What a recording says of
 //! its making is [`provenance`]. [`replay`](crate::source::replay) reads them.
 
+pub(crate) mod channels;
 pub mod provenance;
 pub mod record;
 pub(crate) mod records;

@@ -30,7 +30,8 @@ use crate::image::frame::Frame;
 use crate::output::foxglove::image_message::{
     ImageError, ImageSchema, Known, decode_message, image_schema,
 };
-use crate::output::foxglove::topics::{FULL_RANGE_KEY, IMAGE_TOPIC, PASSED_OVER_TOPIC};
+use crate::output::foxglove::topics::{IMAGE_TOPIC, PASSED_OVER_TOPIC};
+use crate::output::mcap::channels::FULL_RANGE_KEY;
 use crate::output::mcap::provenance::{
     self, BACKGROUND_NAME, Frames, METADATA_NAME, Provenance, ProvenanceError,
 };

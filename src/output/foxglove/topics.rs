@@ -1,4 +1,5 @@
-//! The topics of a recording.
+//! The topics of the Foxglove messages, and the messages of one scene. Where they go is not known here: into a file ([`mcap`](crate::output::mcap)), or
+//! over a socket.
 //!
 //! | topic | schema | what |
 //! | --- | --- | --- |
@@ -12,147 +13,99 @@
 //!
 //! A frame's messages follow its image, with the frame's number (its low 32 bits) and its log time.
 
-use foxglove::Encode;
 use foxglove::messages::{
-    CompressedImage, FrameTransform, ImageAnnotations, Log, PosesInFrame, RawImage, SceneUpdate,
-    Timestamp,
+    FrameTransform, ImageAnnotations, Log, PosesInFrame, SceneUpdate, Timestamp,
 };
-use mcap::McapResult;
-use mcap::records::MessageHeader;
+use foxglove::{Encode, Schema};
 use nalgebra::Matrix3;
 use scene::Scene;
 
 use crate::output::foxglove::annotate;
-use crate::output::foxglove::image_message::{ImageSchema, encode_message};
-use crate::output::mcap::Mcap;
+use crate::output::foxglove::image_message::encode_message;
 
 /// Topic of the frames that were processed.
 pub const IMAGE_TOPIC: &str = "/camera/image";
 /// Topic of the frames that were captured and not processed.
 pub const PASSED_OVER_TOPIC: &str = "/camera/passed_over";
-/// Key of an image channel's metadata: whether luma and chroma use the full range.
-pub(crate) const FULL_RANGE_KEY: &str = "full_range";
 
-/// Channels of the frames with one colour range.
-#[derive(Clone, Copy)]
-pub(crate) struct ImageChannels {
-    pub(crate) processed: u16,
-    pub(crate) skipped: u16,
+/// Topics of everything but frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ResultTopic {
+    Transform,
+    Log,
+    Annotations,
+    Poses,
+    Robots,
+    Obstacles,
+    Forecasts,
 }
 
-/// Channels of everything else.
-pub(crate) struct ResultChannels {
-    pub(crate) transform: u16,
-    pub(crate) log: u16,
-    annotations: u16,
-    poses: u16,
-    robots: u16,
-    obstacles: u16,
-    forecasts: u16,
-}
+impl ResultTopic {
+    /// In the order of their numbers.
+    pub(crate) const ALL: [Self; 7] = [
+        Self::Transform,
+        Self::Log,
+        Self::Annotations,
+        Self::Poses,
+        Self::Robots,
+        Self::Obstacles,
+        Self::Forecasts,
+    ];
 
-/// Writes the messages of one frame: they differ in channel and content only.
-pub(crate) struct FrameWriter<'a> {
-    mcap: &'a mut Mcap,
-    header: MessageHeader,
-    message: &'a mut Vec<u8>,
-    /// Bytes of the messages so far, with what the file adds to each.
-    bytes: u64,
-}
-
-/// What a file adds to a message: its header, and its entry in the index of the chunk.
-const MESSAGE_OVERHEAD_BYTES: u64 = 64;
-
-impl ImageChannels {
-    /// Defines both at once, early in the file: damage to a later chunk then takes no definition with it.
-    pub(crate) fn add(mcap: &mut Mcap, schema: ImageSchema, full_range: bool) -> McapResult<Self> {
-        let metadata = || [(FULL_RANGE_KEY, full_range.to_string())];
-        let mut add = |topic| match schema {
-            ImageSchema::Raw => add_channel::<RawImage>(mcap, topic, metadata()),
-            ImageSchema::Compressed => add_channel::<CompressedImage>(mcap, topic, metadata()),
-        };
-        Ok(Self {
-            processed: add(IMAGE_TOPIC)?,
-            skipped: add(PASSED_OVER_TOPIC)?,
-        })
-    }
-}
-
-impl ResultChannels {
-    /// Defines all of them.
-    pub(crate) fn add(mcap: &mut Mcap) -> McapResult<Self> {
-        Ok(Self {
-            transform: add_channel::<FrameTransform>(mcap, "/tf", [])?,
-            log: add_channel::<Log>(mcap, "/overcam/log", [])?,
-            annotations: add_channel::<ImageAnnotations>(mcap, "/overcam/annotations", [])?,
-            poses: add_channel::<PosesInFrame>(mcap, "/overcam/poses", [])?,
-            robots: add_channel::<SceneUpdate>(mcap, "/overcam/robots", [])?,
-            obstacles: add_channel::<SceneUpdate>(mcap, "/overcam/obstacles", [])?,
-            forecasts: add_channel::<SceneUpdate>(mcap, "/overcam/forecasts", [])?,
-        })
-    }
-}
-
-impl<'a> FrameWriter<'a> {
-    /// `message` holds a message that is already encoded, or is scratch memory.
-    pub(crate) fn new(
-        mcap: &'a mut Mcap,
-        sequence: u64,
-        log_time_ns: u64,
-        message: &'a mut Vec<u8>,
-    ) -> Self {
-        Self {
-            mcap,
-            header: MessageHeader {
-                channel_id: 0,
-                // A reader counts on from the low bits: gaps of 2^32 frames do not occur.
-                sequence: sequence as u32,
-                log_time: log_time_ns,
-                publish_time: log_time_ns,
-            },
-            message,
-            bytes: 0,
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Transform => "/tf",
+            Self::Log => "/overcam/log",
+            Self::Annotations => "/overcam/annotations",
+            Self::Poses => "/overcam/poses",
+            Self::Robots => "/overcam/robots",
+            Self::Obstacles => "/overcam/obstacles",
+            Self::Forecasts => "/overcam/forecasts",
         }
     }
 
-    /// Bytes of the messages so far, not compressed, with what the file adds to each.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.bytes
+    pub(crate) fn schema(self) -> Schema {
+        match self {
+            Self::Transform => schema_of::<FrameTransform>(),
+            Self::Log => schema_of::<Log>(),
+            Self::Annotations => schema_of::<ImageAnnotations>(),
+            Self::Poses => schema_of::<PosesInFrame>(),
+            Self::Robots | Self::Obstacles | Self::Forecasts => schema_of::<SceneUpdate>(),
+        }
     }
+}
 
-    /// Time stamp of the frame's messages.
-    pub(crate) fn timestamp(&self) -> Timestamp {
-        timestamp(self.header.log_time)
-    }
+/// Schema of a message type.
+pub(crate) fn schema_of<T: Encode>() -> Schema {
+    T::get_schema().expect("every Foxglove message has a schema")
+}
 
-    /// Writes a message.
-    pub(crate) fn write<T: Encode>(&mut self, channel_id: u16, message: &T) -> McapResult<()> {
-        encode_message(message, self.message);
-        self.write_encoded(channel_id)
+/// Encodes what was found in a frame, message after message into `buffer`, and gives each to `write`.
+///
+/// # Errors
+///
+/// The first error of `write`.
+pub(crate) fn scene_messages<E>(
+    scene: &Scene,
+    now: Timestamp,
+    image_from_floor: Option<&Matrix3<f64>>,
+    buffer: &mut Vec<u8>,
+    mut write: impl FnMut(ResultTopic, &[u8]) -> Result<(), E>,
+) -> Result<(), E> {
+    let annotations = annotate::image_annotations(scene, now, image_from_floor);
+    encode_message(&annotations, buffer);
+    write(ResultTopic::Annotations, buffer)?;
+    encode_message(&annotate::poses(scene, now), buffer);
+    write(ResultTopic::Poses, buffer)?;
+    for (topic, update) in [
+        (ResultTopic::Robots, annotate::robots(scene, now)),
+        (ResultTopic::Obstacles, annotate::obstacles(scene, now)),
+        (ResultTopic::Forecasts, annotate::forecasts(scene, now)),
+    ] {
+        encode_message(&update, buffer);
+        write(topic, buffer)?;
     }
-
-    /// Writes the message that is already encoded.
-    pub(crate) fn write_encoded(&mut self, channel_id: u16) -> McapResult<()> {
-        self.bytes += self.message.len() as u64 + MESSAGE_OVERHEAD_BYTES;
-        self.header.channel_id = channel_id;
-        self.mcap.write_to_known_channel(&self.header, self.message)
-    }
-
-    /// Writes what was found in the frame.
-    pub(crate) fn write_scene(
-        &mut self,
-        channels: &ResultChannels,
-        scene: &Scene,
-        image_from_floor: Option<&Matrix3<f64>>,
-    ) -> McapResult<()> {
-        let now = self.timestamp();
-        let annotations = annotate::image_annotations(scene, now, image_from_floor);
-        self.write(channels.annotations, &annotations)?;
-        self.write(channels.poses, &annotate::poses(scene, now))?;
-        self.write(channels.robots, &annotate::robots(scene, now))?;
-        self.write(channels.obstacles, &annotate::obstacles(scene, now))?;
-        self.write(channels.forecasts, &annotate::forecasts(scene, now))
-    }
+    Ok(())
 }
 
 /// Nanoseconds since 1970 as Foxglove has them.
@@ -160,18 +113,4 @@ pub(crate) fn timestamp(log_time_ns: u64) -> Timestamp {
     let seconds = log_time_ns / 1_000_000_000;
     let rest_ns = (log_time_ns % 1_000_000_000) as u32;
     Timestamp::new(u32::try_from(seconds).unwrap_or(u32::MAX), rest_ns)
-}
-
-fn add_channel<T: Encode>(
-    mcap: &mut Mcap,
-    topic: &str,
-    metadata: impl IntoIterator<Item = (&'static str, String)>,
-) -> McapResult<u16> {
-    let schema = T::get_schema().expect("every Foxglove message has a schema");
-    let schema_id = mcap.add_schema(&schema.name, &schema.encoding, &schema.data)?;
-    let metadata = metadata
-        .into_iter()
-        .map(|(key, value)| (key.to_owned(), value))
-        .collect();
-    mcap.add_channel(schema_id, topic, &T::get_message_encoding(), &metadata)
 }

@@ -35,8 +35,9 @@ use scene::{FRAME_FLOOR, FRAME_IMAGE};
 use crate::background::model::BackgroundModel;
 use crate::output::foxglove::annotate;
 use crate::output::foxglove::image_message::{ImageEncoder, ImageError, ImageMode, ImageSchema};
-use crate::output::foxglove::topics::{FrameWriter, ImageChannels, ResultChannels, timestamp};
+use crate::output::foxglove::topics::{ResultTopic, timestamp};
 use crate::output::mcap::Mcap;
+use crate::output::mcap::channels::{FrameWriter, ImageChannels, ResultChannels};
 use crate::output::mcap::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Provenance};
 use crate::run::slot::{Slot, SourceInfo};
 use crate::run::status::counted;
@@ -422,14 +423,12 @@ impl Recorder {
                 _ => format!("{missing} frames are missing"),
             };
             let text = format!("{are_missing} before frame {}", frame.sequence);
-            writer.write(
-                self.results.log,
-                &annotate::warning(text, writer.timestamp()),
-            )?;
+            let warning = annotate::warning(text, writer.timestamp());
+            writer.write(&self.results, ResultTopic::Log, &warning)?;
         }
         if self.written.frames + self.chunk.frames == 0 {
             let transform = annotate::root_transform(self.frame_of_results, writer.timestamp());
-            writer.write(self.results.transform, &transform)?;
+            writer.write(&self.results, ResultTopic::Transform, &transform)?;
         }
         let scene = &slot.scene;
         let is_of_this_frame = (scene.sequence, scene.stamp_ns) == (frame.sequence, frame.stamp_ns);
