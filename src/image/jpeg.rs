@@ -5,8 +5,8 @@
 //! * a picture whose data end before its pixels do is refused, with or without an end marker behind them: the decoder would fill
 //!   the rest with grey, which the background difference would take for an object. `scan` reads every code to know;
 //! * the size is compared before anything is allocated;
-//! * Motion-JPEG cameras omit the Huffman tables, because they are always the standard's; [`insert_huffman_tables`] puts them
-//!   back, for the decoder and for other readers of a recording;
+//! * Motion-JPEG cameras omit the Huffman tables, because they are always the standard's; they are put
+//!   back for the decoder;
 //! * what cameras do to pictures that are whole all the same is mended: a missing end marker, fill bytes before restart markers,
 //!   stray bytes behind the data.
 
@@ -110,14 +110,6 @@ pub fn size(jpeg: &[u8]) -> Result<Size, JpegError> {
 /// The picture as every decoder reads it: with the standard's Huffman tables (T.81, K.3) before its first scan, if it has none of
 /// its own, with an end-of-image marker, without what follows that, and without stray bytes. Borrowed when nothing had to be
 /// mended.
-///
-/// # Errors
-///
-/// [`JpegError`] when the bytes are not one whole JPEG picture.
-pub fn insert_huffman_tables(jpeg: &[u8]) -> Result<Cow<'_, [u8]>, JpegError> {
-    walk(jpeg).map(|layout| mended(jpeg, &layout))
-}
-
 fn mended<'a>(jpeg: &'a [u8], layout: &Layout) -> Cow<'a, [u8]> {
     let picture = &jpeg[..layout.end];
     if layout.has_tables && layout.has_end_marker && layout.junk.is_empty() {

@@ -2,6 +2,11 @@ use super::*;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use proptest::prelude::*;
 
+/// What the decoder is given.
+fn complete(jpeg: &[u8]) -> Result<Cow<'_, [u8]>, JpegError> {
+    walk(jpeg).map(|layout| mended(jpeg, &layout))
+}
+
 const SIZE: Size = Size {
     width: 37,
     height: 21,
@@ -64,12 +69,9 @@ fn missing_tables_change_nothing() {
         assert!(stripped.len() + 400 < jpeg.len());
         let expected = decode_rgb(&jpeg, SIZE).expect("whole");
         assert_eq!(decode_rgb(&stripped, SIZE).expect("mended"), expected);
-        let mended = insert_huffman_tables(&stripped).expect("whole");
+        let mended = complete(&stripped).expect("whole");
         assert_eq!(decode_rgb(&mended, SIZE).expect("whole"), expected);
-        assert!(matches!(
-            insert_huffman_tables(&mended),
-            Ok(Cow::Borrowed(_))
-        ));
+        assert!(matches!(complete(&mended), Ok(Cow::Borrowed(_))));
     }
 }
 
@@ -174,7 +176,7 @@ fn every_cut_is_refused_with_and_without_end_marker() {
 fn a_missing_end_marker_is_put_back_for_others() {
     let jpeg = encode(ColorType::Rgb, SamplingFactor::R_4_2_0);
     let open = without_tables(&jpeg[..jpeg.len() - 2]);
-    let mended = insert_huffman_tables(&open).expect("whole");
+    let mended = complete(&open).expect("whole");
     assert!(mended.ends_with(&[0xff, END_OF_IMAGE]));
     assert_eq!(decode_rgb(&mended, SIZE), decode_rgb(&jpeg, SIZE));
 }
@@ -206,7 +208,7 @@ fn fill_and_stray_bytes_before_restart_markers_change_nothing() {
             changed.extend(junk);
             changed.extend([0xff, END_OF_IMAGE]);
             assert_eq!(decode_rgb(&changed, SIZE), Ok(whole.clone()), "{junk:?}");
-            let mended = insert_huffman_tables(&changed).expect("whole");
+            let mended = complete(&changed).expect("whole");
             assert_eq!(decode_rgb(&mended, SIZE), Ok(whole.clone()), "{junk:?}");
         }
     }
@@ -249,10 +251,7 @@ fn padding_behind_the_picture_is_ignored() {
     let jpeg = encode(ColorType::Rgb, SamplingFactor::R_4_2_2);
     let padded = [&jpeg[..], &[0; 1000]].concat();
     assert_eq!(decode_rgb(&padded, SIZE), decode_rgb(&jpeg, SIZE));
-    assert_eq!(
-        insert_huffman_tables(&padded).expect("whole").as_ref(),
-        jpeg
-    );
+    assert_eq!(complete(&padded).expect("whole").as_ref(), jpeg);
 }
 
 #[test]
