@@ -153,7 +153,11 @@ pub enum MarkersCommand {
 
 /// Where frames come from.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Source")]
 pub struct SourceArgs {
+    /// Read arguments from a TOML file, see --print-config; those given here have priority
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
     /// Camera, MCAP recording, Y4M file or pipe, - for Y4M on standard input, folder of PNG/JPEG files, or demo; detected by
     /// content, not by name
     #[arg(long, default_value = "demo", value_hint = ValueHint::AnyPath)]
@@ -219,66 +223,104 @@ pub struct BackgroundArgs {
     pub learn: u32,
 }
 
+/// Heading of what decides what is found.
+const DETECTION: &str = "Detection and tracking";
+
 /// Arguments of the main job. What is not given comes from the recording that is replayed, or is a default.
 #[derive(Debug, Args)]
 pub struct RunArgs {
     /// Where frames come from.
     #[command(flatten)]
     pub source: SourceArgs,
+    /// Print the settings in force as a file for --config, and exit
+    #[arg(long, help_heading = "Source")]
+    pub print_config: bool,
     /// Record every frame and result into a new MCAP file
-    #[arg(long, value_name = "FILE", value_parser = ending_in(&["mcap"]))]
+    #[arg(long, help_heading = "Recording", value_name = "FILE", value_parser = ending_in(&["mcap"]))]
     pub record: Option<PathBuf>,
     /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
-    #[arg(long, value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
+    #[arg(long, help_heading = "Recording", value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
     pub record_jpeg: Option<u8>,
     /// Continue in a new file (FILE-2, FILE-3, ...) before one exceeds this size, in gigabytes (10^9 bytes)
-    #[arg(long, value_name = "GB", requires = "record", value_parser = number(GIGABYTES))]
+    #[arg(long, help_heading = "Recording", value_name = "GB", requires = "record", value_parser = number(GIGABYTES))]
     pub record_max: Option<f64>,
     /// Continue in a new file (FILE-2, FILE-3, ...) after this many minutes
-    #[arg(long, value_name = "N", requires = "record", value_parser = number(MINUTES))]
+    #[arg(long, help_heading = "Recording", value_name = "N", requires = "record", value_parser = number(MINUTES))]
     pub record_minutes: Option<f64>,
     /// Picture of the empty floor: PNG or JPEG, or a file of `overcam background`
-    #[arg(long, value_name = "FILE", conflicts_with = "learn")]
+    #[arg(
+        long,
+        help_heading = "Floor and markers",
+        value_name = "FILE",
+        conflicts_with = "learn"
+    )]
     pub background: Option<PathBuf>,
     /// Learn the empty floor from the first N frames [default: 30]
-    #[arg(long, value_name = "N", value_parser = number(settings::LEARN))]
+    #[arg(long, help_heading = "Floor and markers", value_name = "N", value_parser = number(settings::LEARN))]
     pub learn: Option<u32>,
     /// Mask image of the frames' size, PNG or JPEG; dark or transparent pixels are ignored
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = "Floor and markers", value_name = "FILE")]
     pub region: Option<PathBuf>,
     /// Folder of marker drawings (SVG) that replace the built-in ones
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, help_heading = "Floor and markers", value_name = "DIR")]
     pub markers: Option<PathBuf>,
     /// Calibration points in pixels and metres (TOML); all results are then in metres on the floor
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = "Floor and markers", value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     /// Side of the printed plates in millimetres, with --calibration; anything a third smaller or larger is not a marker
-    #[arg(long, value_name = "MM", value_parser = number(settings::PLATE_MM))]
+    #[arg(long, help_heading = "Floor and markers", value_name = "MM", value_parser = number(settings::PLATE_MM))]
     pub plate: Option<f32>,
     /// Name of the shared-memory services
-    #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
+    #[arg(long, help_heading = "Output", default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
     pub service: String,
     /// Let members of this group subscribe; planners set OVERCAM_GROUP=NAME
-    #[arg(long, value_name = "NAME", conflicts_with = "no_publish")]
+    #[arg(
+        long,
+        help_heading = "Output",
+        value_name = "NAME",
+        conflicts_with = "no_publish"
+    )]
     pub group: Option<String>,
     /// Do not publish in shared memory
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     pub no_publish: bool,
     /// Print one JSON object per frame on standard output
-    #[arg(long)]
+    #[arg(long, help_heading = "Output")]
     pub json: bool,
     /// Stop after N frames
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, help_heading = "Source", value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
     /// Exit with status 1 if the camera is unplugged or stalls, instead of waiting for it
-    #[arg(long)]
+    #[arg(long, help_heading = "Source")]
     pub no_wait: bool,
     /// Foreground threshold in multiples of the noise [default: 5]
-    #[arg(long, value_name = "SUM", value_parser = number(settings::THRESHOLD))]
+    #[arg(long, help_heading = DETECTION, value_name = "SUM", value_parser = number(settings::THRESHOLD))]
     pub threshold: Option<f32>,
     /// Smallest object, in square pixels [default: 80]
-    #[arg(long, value_name = "PX2", value_parser = number(settings::AREA_MIN))]
+    #[arg(long, help_heading = DETECTION, value_name = "PX2", value_parser = number(settings::AREA_MIN))]
     pub area_min: Option<u32>,
+    /// Darkest shadow: the share of the floor's lightness that it takes away, 0 to 1 [default: 0.6]
+    #[arg(long, help_heading = DETECTION, value_name = "SHARE", value_parser = number(settings::SHADOW))]
+    pub shadow: Option<f32>,
+    /// Smallest marker plate, in pixels [default: 8]
+    #[arg(long, help_heading = DETECTION, value_name = "PX", value_parser = number(settings::PLATE_PX))]
+    pub plate_min: Option<f32>,
+    /// Largest marker plate, in pixels [default: 400]
+    #[arg(long, help_heading = DETECTION, value_name = "PX", value_parser = number(settings::PLATE_PX))]
+    pub plate_max: Option<f32>,
+    /// What a marker may differ from its drawing by, besides noise: root mean square over the plate, as a share of the contrast
+    /// [default: 0.05]
+    #[arg(long, help_heading = DETECTION, value_name = "SHARE", value_parser = number(settings::RESIDUAL))]
+    pub marker_residual_max: Option<f32>,
+    /// Speed of the fastest object, in widths of the picture a second [default: 0.75]
+    #[arg(long, help_heading = DETECTION, value_name = "WIDTHS", value_parser = number(settings::TOP_SPEED))]
+    pub top_speed: Option<f64>,
+    /// How long an object that is not seen is reported where its forecast says, in seconds [default: 0.27]
+    #[arg(long, help_heading = DETECTION, value_name = "SECONDS", value_parser = number(settings::LOST_AFTER_S))]
+    pub lost_after: Option<f64>,
+    /// Frames in which an object must have been seen before it is reported [default: 1]
+    #[arg(long, help_heading = DETECTION, value_name = "N", value_parser = number(settings::CONFIRM))]
+    pub confirm: Option<u32>,
 }
 
 impl RunArgs {
@@ -304,9 +346,17 @@ impl RunArgs {
         Settings {
             learn: self.learn.unwrap_or(settings.learn),
             threshold: self.threshold.unwrap_or(settings.threshold),
+            shadow: self.shadow.unwrap_or(settings.shadow),
             area_min: self.area_min.unwrap_or(settings.area_min),
+            plate_min: self.plate_min.unwrap_or(settings.plate_min),
+            plate_max: self.plate_max.unwrap_or(settings.plate_max),
             plate_mm: self.plate.or(settings.plate_mm),
-            ..settings
+            marker_residual_max: self
+                .marker_residual_max
+                .unwrap_or(settings.marker_residual_max),
+            top_speed: self.top_speed.unwrap_or(settings.top_speed),
+            lost_after_s: self.lost_after.unwrap_or(settings.lost_after_s),
+            confirm: self.confirm.unwrap_or(settings.confirm),
         }
     }
 }
@@ -399,6 +449,28 @@ mod tests {
     #[test]
     fn the_definition_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn defaults_are_those_that_help_states() {
+        let command = Cli::command();
+        let defaults = toml::Table::try_from(Settings::default()).expect("a table");
+        for (name, value) in defaults {
+            let argument = command
+                .get_arguments()
+                .find(|a| a.get_id() == name.as_str());
+            let argument = argument.unwrap_or_else(|| panic!("no argument for {name}"));
+            let help = argument.get_help().map(ToString::to_string);
+            let stated = help.as_deref().and_then(|help| {
+                let (_, rest) = help.split_once("[default: ")?;
+                rest.split_once(']')?.0.parse::<f64>().ok()
+            });
+            let value = value.as_float().or(value.as_integer().map(|n| n as f64));
+            let error = stated
+                .zip(value)
+                .map(|(stated, value)| (stated - value).abs());
+            assert!(error.is_some_and(|error| error < 1e-6), "{name}: {help:?}");
+        }
     }
 
     #[test]

@@ -1,17 +1,16 @@
-//! From the mask to detections: every shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3 of the paper).
+//! From shapes to detections: every shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3 of the paper).
 
 use fourier::contour::{Region, region};
-use imgproc::contour::{
-    Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
-};
-use imgproc::{Bounds, Point, Size};
+use imgproc::contour::fill_contour;
+use imgproc::{Bounds, Size};
 
 use crate::geometry::outline::{Outline, simplified};
 use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
-use crate::marker::cutout::{Cutout, CutoutScratch, contour_capacity, find_plates};
+use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::optics::BlurEstimate;
 use crate::marker::{Family, Recognised, RecognitionSettings};
+use crate::segmentation::shapes::{Shape, Shapes, longest_contour};
 
 /// Most detections of one frame.
 pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;
@@ -53,7 +52,7 @@ pub(crate) struct Detection {
 #[derive(Debug, Clone, Copy)]
 struct ShapeOf {
     /// Number of the shape in the frame.
-    number: u32,
+    number: usize,
     region: Region,
     /// How much of the marker's plate lies in the shape's contour, 0 to 1.
     covered: f32,
@@ -63,9 +62,7 @@ struct ShapeOf {
 #[derive(Debug)]
 pub(crate) struct Detector {
     size: Size,
-    contour: Vec<Point>,
     polygon: Vec<[f32; 2]>,
-    spans: Vec<Span>,
     mask: Vec<u8>,
     grey: Vec<u8>,
     cutout: CutoutScratch,
@@ -80,9 +77,7 @@ impl Detector {
     pub(crate) fn new(size: Size) -> Self {
         Self {
             size,
-            contour: vec![Point::default(); contour_capacity(size)],
-            polygon: Vec::with_capacity(contour_capacity(size)),
-            spans: vec![Span::default(); span_capacity(size)],
+            polygon: Vec::with_capacity(longest_contour(size)),
             mask: vec![0; size.area()],
             grey: vec![0; size.area()],
             cutout: CutoutScratch::new(size),
@@ -97,39 +92,27 @@ impl Detector {
         self.optics = BlurEstimate::new();
     }
 
-    /// Everything in the mask, in reading order, and how many shapes and markers found no room or had too long a contour.
-    /// Uses the mask up. `noise` is that of a pixel, grey levels; `recognition` gives the settings for a place in the picture.
+    /// One or more detections of each shape, in reading order, and how many shapes and markers found
+    /// no room. `noise` is that of a pixel, grey levels; `recognition` gives the settings for a
+    /// place in the picture.
     pub(crate) fn detect(
         &mut self,
-        mask: &mut [u8],
+        shapes: &Shapes,
         picture: &Picture,
         noise: f32,
         family: &Family,
-        area_min_px2: usize,
         recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
     ) -> (&[Detection], u32) {
         self.detections.clear();
         self.shapes.clear();
         self.optics.noise = noise;
-        let mut overflow = 0;
-        let mut from = 0;
-        let mut number = 0;
-        while let Some(start) = next_shape(mask, self.size, from) {
-            from = usize::from(start.y) * self.size.width + usize::from(start.x);
-            let contour =
-                follow_contour(mask, self.size, start, &mut self.contour).map(<[Point]>::len);
-            let removed = remove_shape(mask, self.size, start, &mut self.spans);
-            if removed.area < area_min_px2 {
-                continue;
-            }
-            match contour {
-                Ok(len) if self.detections.len() < MAX_DETECTIONS => {
-                    number += 1;
-                    let shape = (number, len, removed.bounds);
-                    overflow += self.detect_in_shape(shape, picture, family, recognition);
-                }
-                _ => overflow += 1,
-            }
+        let mut overflow = shapes.overflow();
+        for (number, shape) in shapes.iter().enumerate() {
+            overflow += if self.detections.len() < MAX_DETECTIONS {
+                self.detect_in_shape(number, shape, picture, family, recognition)
+            } else {
+                1
+            };
         }
         self.settle_plates_of_two_shapes();
         let read = self.detections.iter().filter_map(|d| d.marker);
@@ -140,30 +123,34 @@ impl Detector {
     /// The markers of one shape, or the obstacle that it is. Returns how many found no room.
     fn detect_in_shape(
         &mut self,
-        (number, contour_len, bounds): (u32, usize, Bounds),
+        number: usize,
+        shape: Shape<'_>,
         picture: &Picture,
         family: &Family,
         recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
     ) -> u32 {
-        let contour = &self.contour[..contour_len];
-        let outline = simplified(contour);
+        let outline = simplified(shape.contour);
         self.polygon.clear();
-        self.polygon
-            .extend(contour.iter().map(|p| [f32::from(p.x), f32::from(p.y)]));
+        self.polygon.extend(
+            shape
+                .contour
+                .iter()
+                .map(|p| [f32::from(p.x), f32::from(p.y)]),
+        );
         let region = region(&self.polygon);
         let width_px = region.area.max(0.0).sqrt();
         let settings = recognition(region.centre.map(f64::from));
-        for view in View::ALL {
+        for attempt in Attempt::ALL {
             let known = self.detections.len();
             let lost = self.read_markers(
-                view,
-                (contour_len, bounds, width_px),
+                attempt,
+                (shape, width_px),
                 outline,
                 picture,
                 family,
                 &settings,
             );
-            self.keep_covered(known, number, region, (contour_len, bounds));
+            self.keep_covered(known, number, region, shape);
             if lost > 0 || self.detections.len() > known {
                 return lost;
             }
@@ -179,18 +166,13 @@ impl Detector {
 
     /// Of the markers from index `known` on, which one shape gave, drops those that are not its own: what is around a shape, or in its
     /// bay, may be another thing.
-    fn keep_covered(
-        &mut self,
-        known: usize,
-        number: u32,
-        region: Region,
-        (contour_len, bounds): (usize, Bounds),
-    ) {
+    fn keep_covered(&mut self, known: usize, number: usize, region: Region, shape: Shape<'_>) {
         if self.detections.len() == known {
             return;
         }
+        let bounds = shape.bounds;
         let mask = &mut self.mask[..bounds.size().area()];
-        fill_contour(&self.contour[..contour_len], bounds, mask);
+        fill_contour(shape.contour, bounds, mask);
         let mut kept = known;
         for i in known..self.detections.len() {
             let covered = covered(&self.detections[i], bounds, mask);
@@ -242,30 +224,30 @@ impl Detector {
             })
     }
 
-    /// Adds the markers that one view of a shape shows. Returns how many found no room.
+    /// Adds the markers that one attempt of a shape shows. Returns how many found no room.
     fn read_markers(
         &mut self,
-        view: View,
-        (contour_len, bounds, width_px): (usize, Bounds, f32),
+        attempt: Attempt,
+        (shape, width_px): (Shape<'_>, f32),
         outline: Outline,
         picture: &Picture,
         family: &Family,
         settings: &RecognitionSettings,
     ) -> u32 {
-        let margin_px = match view.part {
+        let margin_px = match attempt.part {
             // The contour of a figure is followed between pixels.
             Part::Shape => 1,
             Part::Around => (MARGIN_SHARE * width_px) as u16 + MARGIN_PX,
         };
-        let around = bounds.grown(margin_px, self.size);
+        let around = shape.bounds.grown(margin_px, self.size);
         let size = around.size();
         let mask = &mut self.mask[..size.area()];
-        match view.part {
-            Part::Shape => fill_contour(&self.contour[..contour_len], around, mask),
+        match attempt.part {
+            Part::Shape => fill_contour(shape.contour, around, mask),
             Part::Around => mask.fill(1),
         }
         let grey = &mut self.grey[..size.area()];
-        let optics = match view.channel {
+        let optics = match attempt.channel {
             Channel::Intensity => {
                 intensity(picture, around, grey);
                 self.optics
@@ -328,7 +310,7 @@ fn covered(detection: &Detection, bounds: Bounds, mask: &[u8]) -> f32 {
 
 /// One way to look for markers.
 #[derive(Debug, Clone, Copy)]
-struct View {
+struct Attempt {
     part: Part,
     channel: Channel,
 }
@@ -347,7 +329,7 @@ enum Channel {
     Colour,
 }
 
-impl View {
+impl Attempt {
     /// In the order in which they are tried.
     const ALL: [Self; 4] = [
         Self::new(Part::Shape, Channel::Intensity),

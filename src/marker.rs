@@ -214,14 +214,9 @@ impl Family {
         Self::learn(&drawings)
     }
 
-    /// Name of a marker.
-    ///
-    /// # Panics
-    ///
-    /// When the family has no such marker.
-    #[must_use]
-    pub fn name(&self, marker: usize) -> &str {
-        &self.markers[marker].name
+    /// Names of the markers. [`Recognised::marker`] counts in their order.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.markers.iter().map(|marker| marker.name.as_str())
     }
 }
 
@@ -359,10 +354,9 @@ mod tests {
                     panic!("{name} at {turn}: {found:?}")
                 };
                 assert_eq!(
-                    pose.marker,
-                    index,
+                    pose.marker, index,
                     "{name} at {turn} is taken for {}",
-                    family.name(pose.marker)
+                    family.markers[pose.marker].name
                 );
                 let error = (pose.centre[0] - centre[0]).hypot(pose.centre[1] - centre[1]);
                 assert!(error < 0.12, "{name} at {turn} is {error} px off");
@@ -435,11 +429,9 @@ mod tests {
                             return false;
                         };
                         assert_eq!(
-                            pose.marker,
-                            index,
+                            pose.marker, index,
                             "{} is taken for {}",
-                            drawing.name,
-                            family.name(pose.marker)
+                            drawing.name, family.markers[pose.marker].name
                         );
                         read += 1;
                         true

@@ -4,24 +4,27 @@
 //! looked at one by one: too small, too thin or too faint ones are none, and neither are the places that an object has left. The
 //! floor is kept true meanwhile ([`update`](crate::background::update)), the light is measured ([`illumination`](crate::background::illumination)).
 
+mod mask;
+pub(crate) mod shapes;
 mod texture;
 
-use imgproc::classes::{BRIGHT, ClassSettings, Difference, FLOOR, STRONG, WindowsMut, classes};
-use imgproc::contour::{
-    Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
-};
+use imgproc::classes::{ClassSettings, Difference, FLOOR, WindowsMut, classes};
+use imgproc::contour::fill_contour;
 use imgproc::difference::{Colour, DifferenceMut, Gains, difference};
-use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
+use imgproc::morphology::{dilate_3x3, open_3x3};
 use imgproc::noise::frame_noise;
 use imgproc::{Bounds, Point, Size};
 
 use crate::background::ghosts::{Ghosts, looks_left};
+use crate::background::illumination::Illumination;
 pub(crate) use crate::background::illumination::Light;
-use crate::background::illumination::{Illumination, SETTLE_FRAMES};
 use crate::background::model::{BackgroundModel, denoise};
+use crate::background::region::Region;
 use crate::background::update::BackgroundUpdate;
 use crate::image::frame::Picture;
-use crate::marker::cutout::contour_capacity;
+use crate::settings::frames_in;
+use mask::make_mask;
+use shapes::{Found, Shapes};
 use texture::{Evidence, TextureJudge};
 
 /// Pixels around objects that do not tell how the floor looks: an object blurs, and lights up what is beside it.
@@ -30,8 +33,8 @@ const MARGIN_PX: usize = 3;
 /// How far an object may have moved since the frame before, in pixels, while nothing new counts.
 const KNOWN_WITHIN_PX: u16 = 10;
 
-/// After so many frames in one light the floor is worth remembering when that changes.
-const STEADY_LEAST: u32 = 30;
+/// A floor that was in one light for this long is remembered when the light changes.
+const STEADY_S: f64 = 1.0;
 
 /// What decides what an object is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +54,7 @@ const WEAK: f32 = 0.5;
 const SHADOW_TINT: f32 = 0.07;
 
 /// Share of an object's area that is clearly inside, and not faint.
-const CORE_LEAST: f32 = 0.05;
+const CORE_SHARE_MIN: f32 = 0.05;
 
 /// Finds objects before one floor. All memory is taken when it is made.
 #[derive(Debug)]
@@ -73,17 +76,19 @@ pub(crate) struct Segmenter {
     before: Vec<u8>,
     /// Frames in a row without a change of the light.
     steady: u32,
+    /// See [`STEADY_S`].
+    steady_min: u32,
+    rate_hz: f64,
     /// Everything in the frame before that was no floor, and what is beside it.
     covered: Vec<u8>,
-    contour: Vec<Point>,
-    spans: Vec<Span>,
+    shapes: Shapes,
 }
 
 /// What a picture shows.
 #[derive(Debug)]
 pub(crate) struct Segmented<'a> {
-    /// Not 0 where something stands. The caller may use it up.
-    pub(crate) mask: &'a mut [u8],
+    /// Everything that stands on the floor, within the region.
+    pub(crate) shapes: &'a Shapes,
     /// What the light does.
     pub(crate) light: Light,
     /// How bright the frame is, over the floor.
@@ -105,21 +110,22 @@ struct Planes {
 }
 
 impl Segmenter {
-    /// A segmenter for one floor.
+    /// A segmenter for one floor and for this many frames a second.
     ///
     /// # Panics
     ///
     /// When the planes of the picture do not have its size.
-    pub(crate) fn new(floor: &BackgroundModel) -> Self {
+    pub(crate) fn new(floor: &BackgroundModel, rate_hz: f64) -> Self {
         let size = floor.picture.size;
         let bytes = || vec![0u8; size.area()];
         let words = || vec![0i16; size.area()];
+        let steady_min = frames_in(STEADY_S, rate_hz);
         Self {
             size,
             denoised: Picture::new(size),
             upkeep: BackgroundUpdate::new(floor),
-            lighting: Illumination::new(),
-            ghosts: Ghosts::new(),
+            lighting: Illumination::new(rate_hz),
+            ghosts: Ghosts::new(rate_hz),
             textures: TextureJudge::new(size),
             planes: Planes {
                 light: words(),
@@ -136,10 +142,11 @@ impl Segmenter {
             scratch: bytes(),
             previous: bytes(),
             before: bytes(),
-            steady: STEADY_LEAST,
+            steady: steady_min,
+            steady_min,
+            rate_hz,
             covered: bytes(),
-            contour: vec![Point::default(); contour_capacity(size)],
-            spans: vec![Span::default(); span_capacity(size)],
+            shapes: Shapes::new(size),
         }
     }
 
@@ -150,11 +157,11 @@ impl Segmenter {
     /// When it has another size.
     pub(crate) fn set_background(&mut self, floor: &BackgroundModel) {
         self.upkeep.set(floor);
-        self.lighting = Illumination::new();
-        self.ghosts = Ghosts::new();
+        self.lighting = Illumination::new(self.rate_hz);
+        self.ghosts = Ghosts::new(self.rate_hz);
         self.previous.fill(0);
         self.before.fill(0);
-        self.steady = STEADY_LEAST;
+        self.steady = self.steady_min;
         self.covered.fill(0);
     }
 
@@ -163,14 +170,15 @@ impl Segmenter {
         self.upkeep.floor()
     }
 
-    /// What stands in a picture.
+    /// What stands in a picture, cut at the border of the region.
     ///
     /// # Panics
     ///
-    /// When the picture has another size than the floor.
+    /// When the picture or the region has another size than the floor.
     pub(crate) fn segment(
         &mut self,
         picture: &Picture,
+        region: Option<&Region>,
         settings: &SegmentationSettings,
     ) -> Segmented<'_> {
         denoise(picture, &mut self.denoised);
@@ -179,9 +187,9 @@ impl Segmenter {
             .observe(&self.denoised, self.upkeep.channels(), &self.covered);
         let gains = self.lighting.gains;
         if light == Light::Dark {
-            self.mask.fill(0);
+            self.shapes.clear();
             return Segmented {
-                mask: &mut self.mask,
+                shapes: &self.shapes,
                 light,
                 gains,
                 noise: 0.0,
@@ -198,10 +206,19 @@ impl Segmenter {
             strong: (2.0 * settings.threshold) as u8,
         };
         self.textures.judge(&mut self.class, &evidence);
-        self.make_mask();
+        make_mask(
+            &self.class,
+            &self.own,
+            self.size,
+            &mut self.mask,
+            [&mut self.scratch, &mut self.covered],
+        );
         self.choose_shapes(light, settings);
         self.previous.copy_from_slice(&self.mask);
         self.cover();
+        if let Some(region) = region {
+            self.cut_at(region, settings);
+        }
         if light == Light::Steady {
             self.upkeep.follow(&self.denoised, gains, &self.covered);
         }
@@ -213,7 +230,7 @@ impl Segmenter {
             self.size,
         );
         Segmented {
-            mask: &mut self.mask,
+            shapes: &self.shapes,
             light,
             gains,
             noise,
@@ -229,14 +246,14 @@ impl Segmenter {
             };
             return light;
         };
-        if frames_left + 1 == SETTLE_FRAMES {
+        if frames_left + 1 == self.lighting.settle_frames {
             // The light has been this way before, or what covered half of the picture is gone.
             if self.upkeep.recall(&self.denoised, &self.covered) {
                 let floor = self.upkeep.channels();
                 light = self
                     .lighting
                     .return_to(&self.denoised, floor, &self.covered);
-            } else if self.steady >= STEADY_LEAST {
+            } else if self.steady >= self.steady_min {
                 self.upkeep.remember();
             }
             if self.steady > 0 {
@@ -244,7 +261,7 @@ impl Segmenter {
             }
         }
         self.steady = 0;
-        if frames_left.is_multiple_of(4) || frames_left + 1 == SETTLE_FRAMES {
+        if frames_left.is_multiple_of(4) || frames_left + 1 == self.lighting.settle_frames {
             let gains = self.lighting.gains;
             self.upkeep.relight(&self.denoised, gains, &self.before);
         }
@@ -298,105 +315,64 @@ impl Segmenter {
         );
     }
 
-    /// From classes to the mask: 1 for object, 2 for the core of one.
-    fn make_mask(&mut self) {
-        for (mask, &class) in self.mask.iter_mut().zip(&self.class) {
-            *mask = u8::from(class & !STRONG >= BRIGHT);
-        }
-        // What is certain may be thinner than the opening leaves it: the rim of a small plate, between which and the white there is
-        // a line as grey as the floor.
-        open_3x3(&mut self.mask, self.size, &mut self.scratch);
-        for (mask, &class) in self.mask.iter_mut().zip(&self.class) {
-            *mask |= u8::from(class & STRONG != 0);
-        }
-        self.close_gaps();
-        open_3x3(&mut self.mask, self.size, &mut self.scratch);
-        self.strip_blur();
-        // A core is strong and has a 5x5 square of object around it.
-        erode_3x3(&self.mask, self.size, &mut self.scratch);
-        erode_3x3(&self.scratch, self.size, &mut self.covered);
-        for ((mask, &inside), &class) in self.mask.iter_mut().zip(&self.covered).zip(&self.class) {
-            *mask |= (inside & u8::from(class & STRONG != 0)) << 1;
-        }
-    }
-
-    /// Closing by a 5x5 window: a robot in two colours has a line between them that is neither.
-    fn close_gaps(&mut self) {
-        for step in [dilate_3x3, dilate_3x3, erode_3x3, erode_3x3] {
-            step(&self.mask, self.size, &mut self.scratch);
-            std::mem::swap(&mut self.mask, &mut self.scratch);
-        }
-    }
-
-    /// Takes away pixels at the border of the mask that differ by less than half of what their surroundings do: the lens blurs an
-    /// object into the floor, and half-way is where its border is.
-    fn strip_blur(&mut self) {
-        let Size { width, height } = self.size;
-        self.scratch.copy_from_slice(&self.mask);
-        let mask = &self.scratch;
-        for y in 2..height.saturating_sub(2) {
-            for x in 2..width.saturating_sub(2) {
-                let i = y * width + x;
-                let border = mask[i] != 0
-                    && (mask[i - 1] & mask[i + 1] & mask[i - width] & mask[i + width]) == 0;
-                if !border {
-                    continue;
-                }
-                let most = (y - 2..=y + 2)
-                    .flat_map(|y| y * width + x - 2..=y * width + x + 2)
-                    .filter(|&i| mask[i] != 0)
-                    .map(|i| self.own[i])
-                    .max();
-                if most.is_some_and(|most| self.own[i] < most / 2) {
-                    self.mask[i] = 0;
-                }
-            }
-        }
-    }
-
-    /// Keeps the shapes that are objects.
+    /// Keeps the shapes that are objects, and takes all others out of the mask.
     fn choose_shapes(&mut self, light: Light, settings: &SegmentationSettings) {
-        let size = self.size;
         self.scratch.copy_from_slice(&self.mask);
-        let mut from = 0;
-        while let Some(start) = next_shape(&self.scratch, size, from) {
-            from = usize::from(start.y) * size.width + usize::from(start.x);
-            let contour = follow_contour(&self.scratch, size, start, &mut self.contour)
-                .map(<[Point]>::len)
-                .unwrap_or(0);
-            let removed = remove_shape(&mut self.scratch, size, start, &mut self.spans);
-            let cores = (removed.area as f32 * CORE_LEAST).max(1.0) as usize;
-            let mut counts = removed.area >= settings.area_min && removed.cores >= cores;
-            if counts && contour > 0 {
-                let contour = &self.contour[..contour];
-                let ghost = light == Light::Steady
-                    && looks_left(contour, &self.denoised, self.upkeep.channels(), size)
-                    && self.ghosts.sighted(removed.bounds);
-                let new = match light {
-                    Light::Changed { .. } => ![&self.previous, &self.before]
-                        .into_iter()
-                        .any(|mask| known(mask, size, removed.bounds)),
-                    _ => false,
-                };
-                if ghost || light == (Light::Changed { frames_left: 0 }) && new {
-                    take(
-                        contour,
-                        removed.bounds,
-                        size,
-                        [&mut self.covered, &mut self.own],
-                        |bounds, shape| {
-                            self.upkeep
-                                .take(&self.denoised, self.lighting.gains, bounds, shape);
-                        },
-                    );
-                }
-                counts = !ghost && !new;
-            }
-            if !counts {
-                remove_shape(&mut self.mask, size, start, &mut self.spans);
+        let mut search = self.shapes.search();
+        while let Some(found) = self.shapes.next(&mut search, &mut self.scratch) {
+            if self.is_object(&found, light, settings) {
+                self.shapes.keep(found);
+            } else {
+                self.shapes.remove(&found, &mut self.mask);
             }
         }
         self.ghosts.end_frame();
+    }
+
+    /// Whether a shape is an object. What is floor in spite of its difference is learned as floor.
+    fn is_object(&mut self, found: &Found, light: Light, settings: &SegmentationSettings) -> bool {
+        let removed = found.removed;
+        let cores_min = (removed.area as f32 * CORE_SHARE_MIN).max(1.0) as usize;
+        if removed.area < settings.area_min || removed.cores < cores_min {
+            return false;
+        }
+        let Some(contour) = self.shapes.contour(found) else {
+            return true;
+        };
+        let size = self.size;
+        let ghost = light == Light::Steady
+            && looks_left(contour, &self.denoised, self.upkeep.channels(), size)
+            && self.ghosts.sighted(removed.bounds);
+        let new = match light {
+            Light::Changed { .. } => ![&self.previous, &self.before]
+                .into_iter()
+                .any(|mask| known(mask, size, removed.bounds)),
+            _ => false,
+        };
+        if ghost || light == (Light::Changed { frames_left: 0 }) && new {
+            take(
+                contour,
+                removed.bounds,
+                size,
+                [&mut self.covered, &mut self.own],
+                |bounds, shape| {
+                    self.upkeep
+                        .take(&self.denoised, self.lighting.gains, bounds, shape);
+                },
+            );
+        }
+        !ghost && !new
+    }
+
+    /// Cuts the shapes at the border of the region.
+    fn cut_at(&mut self, region: &Region, settings: &SegmentationSettings) {
+        region.clear_outside(&mut self.mask);
+        let mut search = self.shapes.search();
+        while let Some(found) = self.shapes.next(&mut search, &mut self.mask) {
+            if found.removed.area >= settings.area_min {
+                self.shapes.keep(found);
+            }
+        }
     }
 
     /// Notes where the frame does not show the floor as it is.

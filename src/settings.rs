@@ -23,15 +23,20 @@ pub(crate) const AREA_MIN: RangeInclusive<u32> = 1..=100_000_000;
 /// See [`Settings::plate_mm`].
 pub(crate) const PLATE_MM: RangeInclusive<f32> = 1.0..=10_000.0;
 /// See [`Settings::plate_min`] and [`Settings::plate_max`].
-const PLATE_PX: RangeInclusive<f32> = 1.0..=16_384.0;
+pub(crate) const PLATE_PX: RangeInclusive<f32> = 1.0..=16_384.0;
 /// See [`Settings::shadow`].
-const SHADOW: RangeInclusive<f32> = 0.0..=1.0;
-/// See [`Settings::marker_misfit_max`].
-const MISFIT: RangeInclusive<f32> = 0.0..=1.0;
+pub(crate) const SHADOW: RangeInclusive<f32> = 0.0..=1.0;
+/// See [`Settings::marker_residual_max`].
+pub(crate) const RESIDUAL: RangeInclusive<f32> = 0.0..=1.0;
 /// See [`Settings::top_speed`].
-const TOP_SPEED: RangeInclusive<f64> = 1e-3..=1e3;
-/// See [`Settings::misses_max`] and [`Settings::confirm`].
-const SIGHTINGS: RangeInclusive<u32> = 0..=100_000;
+pub(crate) const TOP_SPEED: RangeInclusive<f64> = 1e-3..=1e3;
+/// See [`Settings::lost_after_s`].
+pub(crate) const LOST_AFTER_S: RangeInclusive<f64> = 0.0..=3600.0;
+/// See [`Settings::confirm`].
+pub(crate) const CONFIRM: RangeInclusive<u32> = 0..=100_000;
+
+/// Names that recordings of earlier versions have for settings of today.
+const FORMER: [&str; 2] = ["plate_mm", "marker_misfit_max"];
 
 /// A setting that is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -46,7 +51,7 @@ pub struct OutOfRange {
 
 /// Settings of the pipeline. Lengths are pixels of the image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
 pub struct Settings {
     /// Frames from which the empty floor is learned when no picture of it is given.
     pub learn: u32,
@@ -61,14 +66,20 @@ pub struct Settings {
     /// Largest plate of a marker.
     pub plate_max: f32,
     /// Side of the printed plates, millimetres: what has another size on the calibrated floor is no marker.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(
+        rename = "plate",
+        alias = "plate_mm",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub plate_mm: Option<f32>,
     /// What a marker may leave unexplained besides noise: root mean square over its plate, share of the contrast.
-    pub marker_misfit_max: f32,
+    #[serde(alias = "marker_misfit_max")]
+    pub marker_residual_max: f32,
     /// Speed of the fastest object, in widths of the picture a second.
     pub top_speed: f64,
-    /// Frames for which a missing object is replaced by its forecast.
-    pub misses_max: u32,
+    /// How long a missing object is replaced by its forecast, seconds.
+    #[serde(rename = "lost_after")]
+    pub lost_after_s: f64,
     /// Sightings before an object is reported.
     pub confirm: u32,
 }
@@ -83,15 +94,33 @@ impl Default for Settings {
             plate_min: 8.0,
             plate_max: 400.0,
             plate_mm: None,
-            marker_misfit_max: 0.05,
+            marker_residual_max: 0.05,
             top_speed: 0.75,
-            misses_max: 8,
+            lost_after_s: 0.27,
             confirm: 1,
         }
     }
 }
 
 impl Settings {
+    /// Settings from the TOML of a recording, and the names in it that this version does not know: another version may have made
+    /// it, and what both know still holds.
+    ///
+    /// # Errors
+    ///
+    /// When the text is not TOML, or a value is not of its setting's type.
+    pub fn from_recording(text: &str) -> Result<(Self, Vec<String>), toml::de::Error> {
+        let table: toml::Table = toml::from_str(text)?;
+        let all = Self {
+            plate_mm: Some(0.0),
+            ..Self::default()
+        };
+        let known = toml::Table::try_from(all).unwrap_or_default();
+        let unknown = |key: &&String| !known.contains_key(*key) && !FORMER.contains(&key.as_str());
+        let unknown = table.keys().filter(unknown).cloned().collect();
+        Ok((table.try_into()?, unknown))
+    }
+
     /// Refuses what is out of range, as the arguments do: settings also come from files.
     ///
     /// # Errors
@@ -109,12 +138,12 @@ impl Settings {
             self.plate_min..=*PLATE_PX.end(),
         )?;
         if let Some(plate_mm) = self.plate_mm {
-            within("plate_mm", plate_mm, PLATE_MM)?;
+            within("plate", plate_mm, PLATE_MM)?;
         }
-        within("marker_misfit_max", self.marker_misfit_max, MISFIT)?;
+        within("marker_residual_max", self.marker_residual_max, RESIDUAL)?;
         within("top_speed", self.top_speed, TOP_SPEED)?;
-        within("misses_max", self.misses_max, SIGHTINGS)?;
-        within("confirm", self.confirm, SIGHTINGS)
+        within("lost_after", self.lost_after_s, LOST_AFTER_S)?;
+        within("confirm", self.confirm, CONFIRM)
     }
 
     /// The part that segmentation needs.
@@ -132,16 +161,21 @@ impl Settings {
             .plate_mm
             .zip(metres_per_px)
             .map(|(mm, metres)| mm / 1000.0 / metres as f32);
-        let [least, most] = match printed_px {
+        let [min, max] = match printed_px {
             Some(px) => [px / PRINTED_SIZE_TOLERANCE, px * PRINTED_SIZE_TOLERANCE],
             None => [0.0, f32::INFINITY],
         };
         RecognitionSettings {
-            plate_min_px: self.plate_min.max(least),
-            plate_max_px: self.plate_max.min(most),
-            misfit_max: self.marker_misfit_max,
+            plate_min_px: self.plate_min.max(min),
+            plate_max_px: self.plate_max.min(max),
+            misfit_max: self.marker_residual_max,
         }
     }
+}
+
+/// The number of frames that come closest to a time, at least one.
+pub(crate) fn frames_in(time_s: f64, rate_hz: f64) -> u32 {
+    (time_s * rate_hz).round().max(1.0) as u32
 }
 
 /// Not a number is in no range.
@@ -167,6 +201,24 @@ mod tests {
     use super::*;
 
     #[test]
+    fn recordings_of_other_versions_are_understood_as_far_as_possible() {
+        let text = "threshold = 7.0\nmarker_misfit_max = 0.07\nplate_mm = 80.0\nmisses_max = 8\n";
+        let (settings, unknown) = Settings::from_recording(text).expect("they are right");
+        let expected = Settings {
+            threshold: 7.0,
+            marker_residual_max: 0.07,
+            plate_mm: Some(80.0),
+            ..Settings::default()
+        };
+        assert_eq!(settings, expected);
+        assert_eq!(unknown, ["misses_max"]);
+        let text = toml::to_string(&expected).expect("text");
+        let same = Settings::from_recording(&text).expect("they are right");
+        assert_eq!(same, (expected, Vec::new()));
+        assert!(Settings::from_recording("threshold = \"high\"").is_err());
+    }
+
+    #[test]
     fn every_setting_has_its_range() {
         assert_eq!(Settings::default().check(), Ok(()));
         for text in [
@@ -178,10 +230,10 @@ mod tests {
             "area_min = 0",
             "plate_min = -1.0",
             "plate_max = 7.0",
-            "plate_mm = nan",
-            "marker_misfit_max = inf",
+            "plate = nan",
+            "marker_residual_max = inf",
             "top_speed = 0.0",
-            "misses_max = 1000000",
+            "lost_after = -1.0",
             "confirm = 1000000",
         ] {
             let settings: Settings = toml::from_str(text).expect("settings");

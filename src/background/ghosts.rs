@@ -7,12 +7,13 @@
 use imgproc::{Bounds, Point, Size};
 
 use crate::image::frame::Picture;
+use crate::settings::frames_in;
 
 /// Ghosts that are watched at the same time.
 const GHOSTS_MAX: usize = 32;
 
-/// Sightings that make a ghost.
-const SIGHTINGS: u32 = 15;
+/// A shape is a ghost once it has looked like one for this long.
+const SIGHTED_S: f64 = 0.5;
 
 /// Points of a contour that are looked at.
 const POINTS_MAX: usize = 96;
@@ -29,6 +30,8 @@ const EDGE_LEAST: i32 = 24;
 /// What may turn out to be ghosts.
 #[derive(Debug)]
 pub(crate) struct Ghosts {
+    /// Sightings in a row that make a ghost.
+    sightings_min: u32,
     watched: [(Bounds, u32); GHOSTS_MAX],
     n: usize,
     next: [(Bounds, u32); GHOSTS_MAX],
@@ -36,9 +39,10 @@ pub(crate) struct Ghosts {
 }
 
 impl Ghosts {
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(rate_hz: f64) -> Self {
         let nowhere = (Bounds::of(Point { x: 0, y: 0 }), 0);
         Self {
+            sightings_min: frames_in(SIGHTED_S, rate_hz),
             watched: [nowhere; GHOSTS_MAX],
             n: 0,
             next: [nowhere; GHOSTS_MAX],
@@ -56,11 +60,11 @@ impl Ghosts {
                 && near(other.bottom, bounds.bottom)
         });
         let sightings = before.map_or(0, |(_, sightings)| *sightings) + 1;
-        if sightings < SIGHTINGS && self.n_next < GHOSTS_MAX {
+        if sightings < self.sightings_min && self.n_next < GHOSTS_MAX {
             self.next[self.n_next] = (bounds, sightings);
             self.n_next += 1;
         }
-        sightings >= SIGHTINGS
+        sightings >= self.sightings_min
     }
 
     /// Ends a frame: what was not sighted in it is forgotten.

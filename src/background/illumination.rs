@@ -8,6 +8,7 @@ use imgproc::difference::Gains;
 use imgproc::light::channel_gain;
 
 use crate::image::frame::Picture;
+use crate::settings::frames_in;
 
 /// About this many pixels are looked at.
 const SAMPLES: usize = 8192;
@@ -18,11 +19,11 @@ const STEP: f32 = 1.06;
 /// Below this gain the frame is too dark to see anything in.
 const DARK: f32 = 0.12;
 
-/// Frames for which new objects are withheld after a change of the light.
-pub(crate) const SETTLE_FRAMES: u32 = 12;
+/// Time for which new objects are withheld after a change of the light.
+const SETTLE_S: f64 = 0.4;
 
-/// A light that changes for longer than this is no step but the way it is.
-const SETTLE_FRAMES_MAX: u32 = 45;
+/// A light that changes for longer than this does not step; it flickers or is dimmed.
+const SETTLE_MAX_S: f64 = 1.5;
 
 /// What the light does in this frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,16 +45,21 @@ pub(crate) struct Illumination {
     pub(crate) gains: Gains,
     /// What it is when it does not jump.
     usual: [f32; 3],
+    /// Frames that new objects are withheld after a change.
+    pub(crate) settle_frames: u32,
+    settle_frames_max: u32,
     settling: u32,
     settled_after: u32,
     dark: bool,
 }
 
 impl Illumination {
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(rate_hz: f64) -> Self {
         Self {
             gains: Gains::NONE,
             usual: [1.0; 3],
+            settle_frames: frames_in(SETTLE_S, rate_hz),
+            settle_frames_max: frames_in(SETTLE_MAX_S, rate_hz),
             settling: 0,
             settled_after: 0,
             dark: false,
@@ -80,7 +86,7 @@ impl Illumination {
         });
         if stepped {
             self.usual = now;
-            self.settling = SETTLE_FRAMES;
+            self.settling = self.settle_frames;
         } else {
             for (usual, now) in self.usual.iter_mut().zip(now) {
                 *usual += (now - *usual) / 8.0;
@@ -96,7 +102,7 @@ impl Illumination {
         }
         self.settling -= 1;
         self.settled_after += 1;
-        if self.settled_after >= SETTLE_FRAMES_MAX {
+        if self.settled_after >= self.settle_frames_max {
             self.settling = 0;
         }
         Light::Changed {

@@ -21,6 +21,19 @@ impl Outline {
         &self.points[..self.len]
     }
 
+    /// The same corners elsewhere, without those that `to` has no place for.
+    pub(crate) fn mapped(&self, to: impl Fn([f64; 2]) -> Option<[f64; 2]>) -> Self {
+        let mut mapped = Self {
+            points: [[0.0; 2]; CAPACITY],
+            len: 0,
+        };
+        for point in self.points().iter().filter_map(|&point| to(point)) {
+            mapped.points[mapped.len] = point;
+            mapped.len += 1;
+        }
+        mapped
+    }
+
     /// Distance of the farthest corner from a point, and the area, px and px².
     pub(crate) fn extent(&self, centre: [f64; 2]) -> (f64, f64) {
         let from_centre = |&[x, y]: &[f64; 2]| [x - centre[0], y - centre[1]];

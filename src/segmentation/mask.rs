@@ -1,0 +1,71 @@
+//! From the classes of the pixels to the mask: opening, closing, and what the lens blurs (section 2.1.1 of the paper).
+
+use imgproc::Size;
+use imgproc::classes::{BRIGHT, STRONG};
+use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
+
+/// Added to the 1 of an object's pixels: it differs strongly, and a 5x5 square of object is around it.
+const CORE: u8 = 2;
+
+/// Writes the mask: not 0 where an object is. `own` is the difference of each pixel alone; the two planes of `scratch` are overwritten.
+pub(super) fn make_mask(
+    class: &[u8],
+    own: &[u8],
+    size: Size,
+    mask: &mut Vec<u8>,
+    [scratch, inner]: [&mut Vec<u8>; 2],
+) {
+    for (mask, &class) in mask.iter_mut().zip(class) {
+        *mask = u8::from(class & !STRONG >= BRIGHT);
+    }
+    // What is certain may be thinner than the opening leaves it: the rim of a small plate. Between it and the white there is a line
+    // as grey as the floor.
+    open_3x3(mask, size, scratch);
+    for (mask, &class) in mask.iter_mut().zip(class) {
+        *mask |= u8::from(class & STRONG != 0);
+    }
+    close_gaps(mask, size, scratch);
+    open_3x3(mask, size, scratch);
+    strip_blur(mask, own, size, scratch);
+    erode_3x3(mask, size, scratch);
+    erode_3x3(scratch, size, inner);
+    for ((mask, &inside), &class) in mask.iter_mut().zip(inner.iter()).zip(class) {
+        if inside != 0 && class & STRONG != 0 {
+            *mask |= CORE;
+        }
+    }
+}
+
+/// Closing by a 5x5 window: a robot in two colours has a line between them that is neither.
+fn close_gaps(mask: &mut Vec<u8>, size: Size, scratch: &mut Vec<u8>) {
+    for step in [dilate_3x3, dilate_3x3, erode_3x3, erode_3x3] {
+        step(mask, size, scratch);
+        std::mem::swap(mask, scratch);
+    }
+}
+
+/// Takes away pixels at the border of the mask that differ by less than half of what their surroundings do: the lens blurs an
+/// object into the floor, and half-way is where its border is.
+fn strip_blur(mask: &mut [u8], own: &[u8], size: Size, scratch: &mut [u8]) {
+    let Size { width, height } = size;
+    scratch.copy_from_slice(mask);
+    let before = scratch;
+    for y in 2..height.saturating_sub(2) {
+        for x in 2..width.saturating_sub(2) {
+            let i = y * width + x;
+            let border = before[i] != 0
+                && (before[i - 1] & before[i + 1] & before[i - width] & before[i + width]) == 0;
+            if !border {
+                continue;
+            }
+            let most = (y - 2..=y + 2)
+                .flat_map(|y| y * width + x - 2..=y * width + x + 2)
+                .filter(|&i| before[i] != 0)
+                .map(|i| own[i])
+                .max();
+            if most.is_some_and(|most| own[i] < most / 2) {
+                mask[i] = 0;
+            }
+        }
+    }
+}

@@ -1,0 +1,313 @@
+//! One camera: from a frame to what stands on the floor, in the unit and the coordinate frame of the scene.
+//!
+//! A view knows its camera's background, region, optics and calibration, and nothing of tracks. With several cameras there is one of it
+//! for each of them. Lens and height will be part of its calibration.
+
+use imgproc::Size;
+use predict::{Heading, Observation};
+
+use crate::background::learner::Learner;
+use crate::background::model::BackgroundModel;
+use crate::background::region::Region;
+use crate::detection::{Detection, Detector, MAX_DETECTIONS};
+use crate::geometry::calibration::{Calibration, FloorPoint};
+use crate::geometry::outline::Outline;
+use crate::image::frame::{DecodeError, Frame, Picture, decode};
+use crate::marker::Family;
+use crate::segmentation::{Light, Segmented, Segmenter};
+use crate::settings::Settings;
+
+/// Positions farther from the origin than this are dropped: there the horizon is blurred over many metres.
+const FLOOR_MAX_M: f64 = 1e6;
+
+/// One camera, and all the memory that its frames need.
+#[derive(Debug)]
+pub(crate) struct View {
+    rate_hz: f64,
+    settings: Settings,
+    family: Family,
+    calibration: Option<Calibration>,
+    /// `None` until a floor is known.
+    segmenter: Option<Box<Segmenter>>,
+    learning: Learning,
+    region: Option<Region>,
+    picture: Picture,
+    detector: Detector,
+    sightings: Vec<Sighting>,
+}
+
+/// What is going on to learn the empty floor.
+#[derive(Debug)]
+enum Learning {
+    /// Nothing.
+    Idle,
+    /// Frames are being collected.
+    Collecting(Box<Learner>),
+    /// Learned with the last frame; it is used from the next one on.
+    Done(BackgroundModel),
+}
+
+/// What one frame shows.
+#[derive(Debug)]
+pub(crate) struct Sightings<'a> {
+    /// In reading order; what lies beyond the horizon is left out.
+    pub(crate) all: &'a [Sighting],
+    /// Shapes and markers that found no room.
+    pub(crate) overflow: u32,
+    pub(crate) light: Light,
+    /// How bright the frame is, over the floor: red, green, blue.
+    pub(crate) gain: [f32; 3],
+}
+
+/// One thing that was seen in a frame. Metres on the floor with a calibration, pixels of the image without one.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sighting {
+    /// What the tracker takes.
+    pub(crate) observation: Observation,
+    /// Side of the plate, or square root of the area.
+    pub(crate) size: f64,
+    /// Corners beyond the horizon are left out.
+    pub(crate) outline: Outline,
+    /// How sure it is that the marker was read right, 0 to 1; 0 without a marker.
+    pub(crate) confidence: f64,
+    /// Covariances of x and y with the heading; 0 without a marker.
+    pub(crate) heading_covariance: [f64; 2],
+}
+
+impl View {
+    /// A view of frames of one size.
+    pub(crate) fn new(
+        size: Size,
+        rate_hz: f64,
+        settings: Settings,
+        family: Family,
+        calibration: Option<Calibration>,
+    ) -> Self {
+        Self {
+            rate_hz,
+            family,
+            calibration,
+            segmenter: None,
+            learning: Learning::Collecting(Box::new(Learner::new(size, settings.learn))),
+            region: None,
+            picture: Picture::new(size),
+            detector: Detector::new(size),
+            sightings: Vec::with_capacity(MAX_DETECTIONS),
+            settings,
+        }
+    }
+
+    /// Looks at this part of the frames only, or at all of them again.
+    ///
+    /// # Panics
+    ///
+    /// When the region has another size than the frames.
+    pub(crate) fn set_region(&mut self, region: Option<Region>) {
+        if let Some(region) = &region {
+            assert_eq!(
+                region.size(),
+                self.picture.size,
+                "a region has another size"
+            );
+        }
+        self.region = region;
+    }
+
+    /// Learns the empty floor anew, unless one is being learned already.
+    pub(crate) fn relearn(&mut self) {
+        if !self.is_learning() {
+            let learner = Learner::new(self.picture.size, self.settings.learn);
+            self.learning = Learning::Collecting(Box::new(learner));
+        }
+    }
+
+    /// Whether a floor is being learned that is not in use yet.
+    pub(crate) fn is_learning(&self) -> bool {
+        !matches!(self.learning, Learning::Idle)
+    }
+
+    /// While frames are collected to learn a floor: how many there are so far, and how many are needed.
+    pub(crate) fn learning_progress(&self) -> Option<(u32, u32)> {
+        match &self.learning {
+            Learning::Collecting(learner) => Some((learner.seen(), learner.frames())),
+            Learning::Done(_) | Learning::Idle => None,
+        }
+    }
+
+    /// The floor that is in use, up to date; `None` before one is known. Takes memory.
+    pub(crate) fn floor(&self) -> Option<BackgroundModel> {
+        self.segmenter.as_ref().map(|segmenter| segmenter.floor())
+    }
+
+    /// Decodes a frame and takes the floor that applies from it on into use: `background` where there is one. A floor that was learned
+    /// with the frame before is put there. Says whether another floor is in use now.
+    ///
+    /// # Errors
+    ///
+    /// [`DecodeError`] when the frame's bytes are no picture; everything is left as it was.
+    ///
+    /// # Panics
+    ///
+    /// When the background has another size than the frames.
+    pub(crate) fn take(
+        &mut self,
+        frame: &Frame,
+        background: &mut Option<BackgroundModel>,
+    ) -> Result<bool, DecodeError> {
+        decode(frame, &mut self.picture)?;
+        self.learn(background);
+        let Some(floor) = background else {
+            return Ok(false);
+        };
+        self.detector.forget_blur();
+        match &mut self.segmenter {
+            Some(segmenter) => segmenter.set_background(floor),
+            None => self.segmenter = Some(Box::new(Segmenter::new(floor, self.rate_hz))),
+        }
+        Ok(true)
+    }
+
+    /// Learns from the decoded frame, unless a floor that comes with it is the first one.
+    fn learn(&mut self, background: &mut Option<BackgroundModel>) {
+        if background.is_some() && self.segmenter.is_none() {
+            self.learning = Learning::Idle;
+        }
+        self.learning = match std::mem::replace(&mut self.learning, Learning::Idle) {
+            Learning::Done(floor) => {
+                background.get_or_insert(floor);
+                Learning::Idle
+            }
+            Learning::Collecting(mut learner) => {
+                if learner.add(&self.picture) {
+                    learner.finish().map_or(Learning::Idle, Learning::Done)
+                } else {
+                    Learning::Collecting(learner)
+                }
+            }
+            Learning::Idle => Learning::Idle,
+        };
+    }
+
+    /// What stands on the floor in the frame that was taken last; `None` while no floor is known.
+    pub(crate) fn look(&mut self) -> Option<Sightings<'_>> {
+        let segmenter = self.segmenter.as_mut()?;
+        let Segmented {
+            shapes,
+            light,
+            gains,
+            noise,
+        } = segmenter.segment(
+            &self.picture,
+            self.region.as_ref(),
+            &self.settings.segmentation(),
+        );
+        let calibration = self.calibration.as_ref();
+        let recognition = |at_px| {
+            let floor = calibration.and_then(|calibration| on_floor(calibration, at_px));
+            self.settings
+                .recognition(floor.map(|floor| floor.metres_per_px()))
+        };
+        let (detections, overflow) =
+            self.detector
+                .detect(shapes, &self.picture, noise, &self.family, &recognition);
+        self.sightings.clear();
+        let sighted = detections.iter().filter_map(|d| sight(d, calibration));
+        self.sightings.extend(sighted);
+        Some(Sightings {
+            all: &self.sightings,
+            overflow,
+            light,
+            gain: [gains.red, gains.green, gains.blue],
+        })
+    }
+}
+
+/// A detection in the unit of the scene; `None` where it is not on the floor.
+fn sight(detection: &Detection, calibration: Option<&Calibration>) -> Option<Sighting> {
+    match calibration {
+        None => Some(in_picture(detection)),
+        Some(calibration) => projected(detection, calibration),
+    }
+}
+
+fn in_picture(detection: &Detection) -> Sighting {
+    let [x, y] = detection.centre;
+    let (reach, area) = detection.outline.extent(detection.centre);
+    Sighting {
+        observation: Observation {
+            x,
+            y,
+            covariance: detection.covariance,
+            heading: heading(detection),
+            marker: detection.marker.map(|marker| marker.marker as u32),
+            reach,
+            area,
+        },
+        size: detection.size_px,
+        outline: detection.outline,
+        confidence: confidence(detection),
+        heading_covariance: heading_covariance_px(detection).unwrap_or_default(),
+    }
+}
+
+fn projected(detection: &Detection, calibration: &Calibration) -> Option<Sighting> {
+    let floor = on_floor(calibration, detection.centre)?;
+    let metres_per_px = floor.metres_per_px();
+    let in_picture = in_picture(detection);
+    let heading_px = in_picture.observation.heading;
+    let heading_covariance =
+        heading_covariance_px(detection)
+            .zip(detection.marker)
+            .map(|(covariance, marker)| {
+                floor.covariance_with_heading(f64::from(marker.heading_rad), covariance)
+            });
+    let [x, y] = floor.at;
+    Some(Sighting {
+        observation: Observation {
+            x,
+            y,
+            covariance: floor.covariance(detection.covariance),
+            heading: heading_px.map(|heading| {
+                let (rad, growth) = floor.heading(heading.rad);
+                Heading {
+                    rad,
+                    variance: heading.variance * growth * growth,
+                }
+            }),
+            reach: in_picture.observation.reach * metres_per_px,
+            area: in_picture.observation.area * metres_per_px * metres_per_px,
+            ..in_picture.observation
+        },
+        size: detection.size_px * metres_per_px,
+        outline: detection
+            .outline
+            .mapped(|pixel| on_floor(calibration, pixel).map(|floor| floor.at)),
+        heading_covariance: heading_covariance.unwrap_or_default(),
+        ..in_picture
+    })
+}
+
+fn heading(detection: &Detection) -> Option<Heading> {
+    detection.marker.map(|marker| Heading {
+        rad: f64::from(marker.heading_rad),
+        variance: f64::from(marker.covariance[2][2]),
+    })
+}
+
+fn confidence(detection: &Detection) -> f64 {
+    detection
+        .marker
+        .map_or(0.0, |marker| f64::from(marker.confidence))
+}
+
+fn heading_covariance_px(detection: &Detection) -> Option<[f64; 2]> {
+    detection
+        .marker
+        .map(|marker| [0, 1].map(|i| f64::from(marker.covariance[i][2])))
+}
+
+fn on_floor(calibration: &Calibration, pixel: [f64; 2]) -> Option<FloorPoint> {
+    calibration
+        .to_floor(pixel)
+        .filter(|floor| floor.at.iter().all(|c| c.abs() < FLOOR_MAX_M))
+}
