@@ -14,8 +14,9 @@ use anyhow::{Context, bail};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
 use crate::camera::devices;
-use crate::cli::{Cli, Command, MarkersCommand};
+use crate::cli::{Command, MarkersCommand};
 use crate::command::background::{learn_background, learn_view};
+use crate::config::Arguments;
 use crate::geometry::calibration::{self, Calibration};
 use crate::marker::{MarkerFile, built_in_files, read_folder};
 use crate::marker_design::check::{check, table};
@@ -24,15 +25,20 @@ use crate::marker_design::sheet::{Layout, pdf, svg_pages};
 use crate::marker_design::trace::trace;
 use crate::output::lines::StoppableWriter;
 use crate::output::mcap::recover;
+use crate::run::capture::open_source;
+use crate::run::setup::settings_in_force;
 use crate::run::status::{can_redraw, counted};
 use crate::run::{Completion, run};
+use crate::settings::Settings;
+use crate::source::is_recording;
 
 /// Does what the arguments say, until it is done or a signal ends it.
 ///
 /// # Errors
 ///
 /// What kept it from being done, in one line.
-pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
+pub fn execute(arguments: &Arguments) -> anyhow::Result<Completion> {
+    let cli = &arguments.cli;
     let stop = Arc::new(AtomicBool::new(false));
     let hang_up = (!ignores(SIGHUP)).then_some(SIGHUP);
     for signal in [SIGINT, SIGTERM].into_iter().chain(hang_up) {
@@ -45,6 +51,9 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
     let relearn = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGUSR1, Arc::clone(&relearn)).context("signals")?;
     let Some(command) = &cli.command else {
+        if cli.run.print_config {
+            return print_config(arguments, &stop).map(|()| Completion::Done);
+        }
         return run(&cli.run, &stop, &relearn, std::io::stdout());
     };
     let mut out = std::io::stdout().lock();
@@ -73,7 +82,7 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         Command::Completions { shell } => {
             unless_unread(man::print_completions(*shell, &mut out))?;
         }
-        Command::Service(args) => service::print(args, &mut out)?,
+        Command::Service(args) => service::print(args, arguments, &mut out)?,
         Command::Recover { file, output } => {
             let report = recover::recover(file, output)?;
             let (images, seconds) = (report.images, report.duration_ns as f64 * 1e-9);
@@ -89,6 +98,20 @@ pub fn execute(cli: &Cli) -> anyhow::Result<Completion> {
         }
     }
     Ok(Completion::Done)
+}
+
+/// Prints the settings that a run with these arguments would have. A camera is not opened for it.
+fn print_config(arguments: &Arguments, stop: &Arc<AtomicBool>) -> anyhow::Result<()> {
+    let args = &arguments.cli.run;
+    let settings = if is_recording(&args.source.device) {
+        let Some(source) = open_source(&args.source, stop)? else {
+            return Ok(());
+        };
+        settings_in_force(args, &source)?
+    } else {
+        args.settings(Settings::default())
+    };
+    unless_unread(arguments.print(&settings, &mut std::io::stdout().lock()))
 }
 
 /// Whether the program was started with a signal ignored: `nohup` does so, and wants it to stay so.

@@ -2,9 +2,9 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
-use overcam::cli::{Cli, WrongArguments};
+use overcam::cli::WrongArguments;
 use overcam::command::execute;
+use overcam::config::{Arguments, ArgumentsError};
 use overcam::run::Completion;
 use overcam::run::status::{is_broken_pipe, log, one_line};
 use overcam::source::SourceError;
@@ -15,7 +15,16 @@ const WRONG_ARGUMENTS: u8 = 2;
 const FRAMES_LOST: u8 = 3;
 
 fn main() -> ExitCode {
-    match execute(&Cli::parse()) {
+    let arguments = match Arguments::parse(std::env::args_os()) {
+        Ok(arguments) => arguments,
+        // Prints the error, or the help that was asked for.
+        Err(ArgumentsError::CommandLine(error)) => error.exit(),
+        Err(ArgumentsError::File(error)) => {
+            log(format_args!("overcam: {error}"));
+            return ExitCode::from(WRONG_ARGUMENTS);
+        }
+    };
+    match execute(&arguments) {
         Ok(Completion::Done) => ExitCode::SUCCESS,
         Ok(Completion::FramesLost) => ExitCode::from(FRAMES_LOST),
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,

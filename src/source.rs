@@ -99,6 +99,11 @@ impl SourceError {
     }
 }
 
+/// Whether a recording is at this path; only its first bytes are read.
+pub(crate) fn is_recording(device: &str) -> bool {
+    matches!(kind::of(Path::new(device)), Ok(Kind::Recording))
+}
+
 impl Source {
     /// Opens what `--device` names: `demo`, `-`, a camera's node, a file, a pipe or a folder. What it is, its kind and its first bytes
     /// say. The wish is for cameras; its rate counts for folders of pictures and its size for the demo too.
@@ -107,7 +112,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`SourceError`] when it is not there, gives no frames, or the wish contains what does not apply to it.
+    /// [`SourceError`] when it is not there, gives no frames, or the request contains what does not apply to it.
     pub fn open(device: &str, request: &CameraRequest) -> Result<Self, SourceError> {
         let only = |flags: &[&str], kind: &'static str| {
             let stray = request.flags().find(|flag| !flags.contains(flag));

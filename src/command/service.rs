@@ -3,6 +3,7 @@
 //! The arguments are taken from their definition: what is a path there becomes an absolute one, so that the unit does not depend on
 //! the folder it was printed in.
 
+use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::io::Write;
@@ -15,6 +16,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory, value_parser};
 
 use crate::cli::{Cli, RunArgs};
+use crate::config::Arguments;
 use crate::output::shared_memory::user_name;
 use crate::source::SourceError;
 
@@ -26,7 +28,11 @@ const STABLE_NAMES: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 /// # Errors
 ///
 /// The source cannot be that of a service, or `out` cannot be written.
-pub(super) fn print(args: &RunArgs, out: &mut impl Write) -> anyhow::Result<()> {
+pub(super) fn print(
+    args: &RunArgs,
+    arguments: &Arguments,
+    out: &mut impl Write,
+) -> anyhow::Result<()> {
     if args.source.device == "-" {
         Err(SourceError::Argument {
             device: "-".to_owned(),
@@ -36,10 +42,10 @@ pub(super) fn print(args: &RunArgs, out: &mut impl Write) -> anyhow::Result<()> 
     }
     let mut command = Cli::command();
     command.build();
-    let matches = command.clone().get_matches();
-    let (Some(definition), Some(("service", given))) =
-        (command.find_subcommand("service"), matches.subcommand())
-    else {
+    let (Some(definition), Some(("service", given))) = (
+        command.find_subcommand("service"),
+        arguments.matches.subcommand(),
+    ) else {
         anyhow::bail!("service: its own arguments are not found; please report it");
     };
     let program = std::env::current_exe().context("the path of this program")?;
@@ -47,7 +53,7 @@ pub(super) fn print(args: &RunArgs, out: &mut impl Write) -> anyhow::Result<()> 
     let user = user_name(rustix::process::geteuid().as_raw());
     let unit = unit(
         args,
-        &command_line(definition, given, &folder),
+        &command_line(definition, given, &arguments.from_file, &folder),
         &Surroundings {
             program: &program,
             folder: &folder,
@@ -65,7 +71,14 @@ struct Surroundings<'a> {
 }
 
 /// The arguments that were given, in the order of their definition, with absolute paths.
-fn command_line(definition: &Command, given: &ArgMatches, folder: &Path) -> Vec<OsString> {
+///
+/// What a file of `--config` gives is left to it, but for a recording's name, which must differ from start to start.
+fn command_line(
+    definition: &Command,
+    given: &ArgMatches,
+    from_file: &BTreeSet<String>,
+    folder: &Path,
+) -> Vec<OsString> {
     let is_path = |parser: &ValueParser| {
         let path: ValueParser = value_parser!(PathBuf);
         parser.type_id() == path.type_id()
@@ -76,7 +89,9 @@ fn command_line(definition: &Command, given: &ArgMatches, folder: &Path) -> Vec<
         let Some(name) = argument.get_long() else {
             continue;
         };
-        if given.value_source(id) != Some(ValueSource::CommandLine) {
+        if given.value_source(id) != Some(ValueSource::CommandLine)
+            || (from_file.contains(id) && id != "record")
+        {
             continue;
         }
         let takes_value = argument
@@ -335,18 +350,17 @@ fn plain(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
 
     fn printed(arguments: &[&str], user: &str) -> String {
         let words = [&["overcam", "service"], arguments].concat();
-        let cli = Cli::try_parse_from(&words).expect("they are right");
-        let Some(crate::cli::Command::Service(args)) = &cli.command else {
+        let arguments = Arguments::parse(words.into_iter().map(OsString::from));
+        let arguments = arguments.expect("they are right");
+        let Some(crate::cli::Command::Service(args)) = &arguments.cli.command else {
             panic!("another command");
         };
         let mut command = Cli::command();
         command.build();
-        let matches = command.clone().get_matches_from(&words);
-        let (_, given) = matches.subcommand().expect("a command");
+        let (_, given) = arguments.matches.subcommand().expect("a command");
         let definition = command.find_subcommand("service").expect("it is there");
         let folder = Path::new("/home/ann");
         let around = Surroundings {
@@ -354,7 +368,8 @@ mod tests {
             folder,
             user,
         };
-        unit(args, &command_line(definition, given, folder), &around)
+        let words = command_line(definition, given, &arguments.from_file, folder);
+        unit(args, &words, &around)
     }
 
     fn line<'a>(unit: &'a str, key: &str) -> &'a str {
@@ -389,6 +404,31 @@ mod tests {
         assert_eq!(line(&unit, "User="), "ann");
         assert_eq!(line(&unit, "ReadWritePaths="), "/home/ann/out /tmp");
         assert!(unit.contains("(50%%$x)"));
+    }
+
+    #[test]
+    fn a_file_of_arguments_stays_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("lab.toml");
+        fs::write(
+            &file,
+            "threshold = 7\nrecord = \"run.mcap\"\nservice = \"lab\"\n",
+        )
+        .expect("written");
+        let file = file.to_str().expect("text");
+        let unit = printed(&["--config", file, "--json"], "ann");
+        let folder = folder.path().display();
+        assert_eq!(
+            line(&unit, "ExecStart="),
+            format!(
+                "\"/opt/over cam/100%%/overcam\" --config {file} --record {folder}/run-${{INVOCATION_ID}}.mcap --json"
+            )
+        );
+        assert_eq!(line(&unit, "ReadWritePaths="), format!("{folder} /tmp"));
+        assert_eq!(
+            line(&unit, "Description="),
+            "overcam, positions of all on the floor (lab)"
+        );
     }
 
     #[test]

@@ -47,17 +47,7 @@ impl Setup {
     pub(crate) fn new(args: &RunArgs, source: &Source) -> anyhow::Result<Self> {
         let info = source.info();
         let recorded = source.provenance();
-        let settings = match recorded {
-            Some(provenance) if !provenance.settings.is_empty() => {
-                toml::from_str(&provenance.settings)
-                    .with_context(|| format!("{}: its settings", args.source.device))?
-            }
-            _ => Settings::default(),
-        };
-        settings
-            .check()
-            .with_context(|| format!("{}: its settings", args.source.device))?;
-        let settings = args.settings(settings);
+        let settings = settings_in_force(args, source)?;
         let markers = match (&args.markers, recorded) {
             (Some(folder), _) => read_folder(folder)?,
             (None, Some(provenance)) if !provenance.markers.is_empty() => {
@@ -193,6 +183,29 @@ impl Setup {
             ));
         }
     }
+}
+
+/// The settings that the arguments, the recording that is replayed and the defaults give together.
+pub(crate) fn settings_in_force(args: &RunArgs, source: &Source) -> anyhow::Result<Settings> {
+    let name = || format!("{}: its settings", args.source.device);
+    let recorded = match source.provenance() {
+        Some(provenance) if !provenance.settings.is_empty() => {
+            let (settings, unknown) =
+                Settings::from_recording(&provenance.settings).with_context(name)?;
+            settings.check().with_context(name)?;
+            for key in unknown {
+                log(format_args!(
+                    "overcam: {} has a setting {key}, which this version does not know; it is ignored",
+                    args.source.device
+                ));
+            }
+            settings
+        }
+        _ => Settings::default(),
+    };
+    let settings = args.settings(recorded);
+    settings.check()?;
+    Ok(settings)
 }
 
 /// Refuses plates of which none can be read on this floor.
