@@ -48,7 +48,7 @@ use crate::cli::RunArgs;
 use crate::output::lines::Lines;
 use crate::output::mcap::series::Series;
 use crate::output::shared_memory::Publisher;
-use crate::run::capture::{Orders, capture, open_source};
+use crate::run::capture::{Feed, Orders, open_source};
 use crate::run::counters::Counters;
 pub use crate::run::frame_counts::FrameCounts;
 use crate::run::heartbeat::Heartbeat;
@@ -57,9 +57,8 @@ use crate::run::pace::Pace;
 use crate::run::process::{Damage, ProcessStage, Sink};
 use crate::run::record::{FloorRequest, Recording, record};
 use crate::run::setup::Setup;
-use crate::run::slot::Slot;
 use crate::run::status::{Status, counted, log};
-use crate::run::threads::{SLOTS, joined, spawn};
+use crate::run::threads::{joined, spawn};
 use crate::source::Source;
 
 /// Frames that may wait for the recorder.
@@ -129,20 +128,18 @@ pub fn run(
     }
     tell_camera(&source);
 
-    let (to_process, frames) = sync_channel(SLOTS);
-    let (to_capture, free) = sync_channel(SLOTS);
-    (0..SLOTS).for_each(|_| drop(to_capture.try_send(Slot::empty())));
-    let counters = Arc::new(Counters::default());
     let (say, said) = channel();
-    let capture = spawn("capture", {
-        let (counters, stop, say) = (Arc::clone(&counters), Arc::clone(stop), say.clone());
-        let orders = Orders {
-            live: info.live,
-            limit: args.frames.unwrap_or(u64::MAX),
-            waits: !args.no_wait,
-        };
-        move || capture(source, orders, &free, &to_process, &stop, &counters, &say)
-    })?;
+    let orders = Orders {
+        live: info.live,
+        limit: args.frames.unwrap_or(u64::MAX),
+        waits: !args.no_wait,
+    };
+    let Feed {
+        frames,
+        free: to_capture,
+        counters,
+        thread: capture,
+    } = Feed::start(source, orders, stop, say.clone())?;
     let (sink, recording) = match recorder {
         None => (Sink::Free(to_capture), None),
         Some(recorder) => {

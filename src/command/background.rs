@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel};
 
 use anyhow::{Context, bail};
 use imgproc::Size;
@@ -14,12 +14,11 @@ use crate::background::learner::Learner;
 use crate::background::model::BackgroundModel;
 use crate::cli::{BackgroundArgs, SourceArgs};
 use crate::image::frame::{Picture, decode};
-use crate::run::capture::{Orders, capture, joined_unless_blocked, open_source};
-use crate::run::counters::Counters;
+use crate::run::capture::{Feed, Orders, joined_unless_blocked, open_source};
 use crate::run::slot::{Slot, SourceInfo};
 use crate::run::status::{Status, counted, log};
 use crate::run::tell_camera;
-use crate::run::threads::{POLL, SLOTS, spawn};
+use crate::run::threads::POLL;
 
 /// Learns the floor and writes it, unless `stop` is set before. One line about it goes to `out`.
 ///
@@ -93,37 +92,33 @@ pub(crate) fn learn_view<T>(
         info.name
     ));
 
-    let (to_process, frames) = sync_channel(SLOTS);
-    let (to_capture, free) = sync_channel(SLOTS);
-    (0..SLOTS).for_each(|_| drop(to_capture.try_send(Slot::empty())));
-    let capture = spawn("capture", {
-        let (stop, live) = (Arc::clone(stop), info.live);
-        move || {
-            let counters = Counters::default();
-            let orders = Orders {
-                live,
-                limit: u64::MAX,
-                waits: false,
-            };
-            // Nothing is said of a camera that is not waited for.
-            let (say, _) = channel();
-            capture(source, orders, &free, &to_process, &stop, &counters, &say)
-        }
-    })?;
+    let orders = Orders {
+        live: info.live,
+        limit: u64::MAX,
+        waits: false,
+    };
+    // Nothing is said of a camera that is not waited for.
+    let (say, _) = channel();
+    let Feed {
+        frames,
+        free,
+        thread,
+        ..
+    } = Feed::start(source, orders, stop, say)?;
     let mut learner = Learner::new(info.size, count);
     let mut status = Status::new(info.live);
     let learned = learn(
         &mut learner,
         (&info, what),
         &frames,
-        &to_capture,
+        &free,
         stop,
         &mut status,
     );
     status.clear();
     let stopped = stop.swap(true, Ordering::Relaxed);
-    drop((frames, to_capture));
-    let captured = joined_unless_blocked(capture, stop)?;
+    drop((frames, free));
+    let captured = joined_unless_blocked(thread, stop)?;
     if !learned? {
         captured?;
         if stopped {
@@ -154,7 +149,7 @@ fn learn(
     learner: &mut Learner,
     (info, what): (&SourceInfo, &str),
     frames: &Receiver<Slot>,
-    to_capture: &SyncSender<Slot>,
+    free: &SyncSender<Slot>,
     stop: &AtomicBool,
     status: &mut Status,
 ) -> anyhow::Result<bool> {
@@ -169,7 +164,7 @@ fn learn(
         let decoded = decode(&slot.frame, &mut picture);
         // A run does not learn from a frame that was passed over either.
         let skipped = slot.skipped;
-        drop(to_capture.try_send(slot));
+        drop(free.try_send(slot));
         match decoded {
             _ if skipped => {}
             Ok(()) if learner.add(&picture) => return Ok(true),

@@ -1,5 +1,6 @@
 //! The capture thread: opens the source and takes frames from it into free slots.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
@@ -10,7 +11,7 @@ use crate::cli::SourceArgs;
 use crate::run::counters::Counters;
 use crate::run::outage::Outage;
 use crate::run::slot::{Next, Slot};
-use crate::run::threads::{POLL, joined, spawn};
+use crate::run::threads::{POLL, SLOTS, joined, spawn};
 use crate::source::{Source, SourceError};
 
 /// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
@@ -41,8 +42,44 @@ pub(crate) struct Orders {
     pub(crate) waits: bool,
 }
 
+/// A source whose frames are being captured.
+pub(crate) struct Feed {
+    /// Frames, in the order in which they came.
+    pub(crate) frames: Receiver<Slot>,
+    /// Where slots go back to be filled again.
+    pub(crate) free: SyncSender<Slot>,
+    pub(crate) counters: Arc<Counters>,
+    /// Ends with the source, or when the other three are dropped.
+    pub(crate) thread: JoinHandle<Result<(), SourceError>>,
+}
+
+impl Feed {
+    /// Starts the capture thread with all its slots. What a person should know meanwhile goes to `say`.
+    pub(crate) fn start(
+        source: Source,
+        orders: Orders,
+        stop: &Arc<AtomicBool>,
+        say: Sender<String>,
+    ) -> anyhow::Result<Self> {
+        let (to_process, frames) = sync_channel(SLOTS);
+        let (to_capture, free) = sync_channel(SLOTS);
+        (0..SLOTS).for_each(|_| drop(to_capture.try_send(Slot::empty())));
+        let counters = Arc::new(Counters::default());
+        let thread = spawn("capture", {
+            let (counters, stop) = (Arc::clone(&counters), Arc::clone(stop));
+            move || capture(source, orders, &free, &to_process, &stop, &counters, &say)
+        })?;
+        Ok(Self {
+            frames,
+            free: to_capture,
+            counters,
+            thread,
+        })
+    }
+}
+
 /// The capture thread: takes frames from the source into free slots. What a person should know meanwhile goes to `say`.
-pub(crate) fn capture(
+fn capture(
     mut source: Source,
     orders: Orders,
     free: &Receiver<Slot>,

@@ -410,7 +410,7 @@ impl Sink {
 mod tests {
     use super::*;
     use crate::cli::Cli;
-    use crate::run::SLOTS;
+    use crate::run::threads::SLOTS;
     use crate::source::Source;
     use clap::Parser;
     use std::sync::mpsc::sync_channel;

@@ -5,9 +5,9 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender};
 
 use crate::output::mcap::record::{RecordError, Summary};
 use crate::output::mcap::series::{NextFile, Series};
-use crate::run::SLOTS;
 use crate::run::slot::Slot;
 use crate::run::status::counted;
+use crate::run::threads::SLOTS;
 
 /// Frames' time after which it is said how large the recording grows.
 const MEASURED_NS: u64 = 10_000_000_000;

@@ -4,6 +4,7 @@
 //! frames a second, so the tests take few frames from it.
 
 mod arguments;
+mod config;
 mod damaged;
 mod fixture;
 mod floor;
