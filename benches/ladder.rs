@@ -9,7 +9,7 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use fourier::contour::{region, resample};
 use fourier::descriptor::describe;
-use fourier::matching::{compare_both_ways, least_distance};
+use fourier::matching::{compare_both_ways, min_distance};
 use imgproc::fit::{Layers, Pose, Prior, fit_shape};
 use imgproc::isoline::follow_isoline;
 use imgproc::{Point, Size};
@@ -34,7 +34,7 @@ const PRIOR: Prior = Prior {
     noise: 1.0,
     blur_ln_sigma: 0.2,
     plate_ln_sigma: 0.1,
-    misfit_max: 0.04,
+    residual_ratio_max: 0.04,
 };
 
 /// Share of a point that the shape covers through a lens; the edge's profile is nearly that of a Gaussian.
@@ -153,9 +153,9 @@ fn ladder(criterion: &mut Criterion) {
         });
         let magnitudes = descriptor.magnitudes();
         let [same, turned] = compare_both_ways(&descriptor, &descriptor).map(|m| m.distance);
-        assert!(same < 1e-6 && turned > 0.01 && least_distance(&magnitudes, &magnitudes) < 1e-9);
-        criterion.bench_function(&name("least-distance"), |b| {
-            b.iter(|| least_distance(black_box(&magnitudes), black_box(&magnitudes)));
+        assert!(same < 1e-6 && turned > 0.01 && min_distance(&magnitudes, &magnitudes) < 1e-9);
+        criterion.bench_function(&name("min-distance"), |b| {
+            b.iter(|| min_distance(black_box(&magnitudes), black_box(&magnitudes)));
         });
         criterion.bench_function(&name("compare"), |b| {
             b.iter(|| compare_both_ways(black_box(&descriptor), black_box(&descriptor)));

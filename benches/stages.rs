@@ -12,11 +12,11 @@ use fourier::fft::{fft, inverse_fft};
 use fourier::matching::compare;
 use fourier::{Complex32, N};
 use imgproc::background::median_of_frames;
-use imgproc::classes::{ClassSettings, Difference, STRONG, WindowsMut, classes};
 use imgproc::contour::{Span, follow_contour, next_shape, remove_shape, span_capacity};
 use imgproc::difference::{
     Colour, DifferenceMut, Gains, NoiseSettings, Reference, ReferenceMut, difference, prepare,
 };
+use imgproc::labels::{Difference, LabelSettings, STRONG, WindowsMut, label_pixels};
 use imgproc::median::median_3x3;
 use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::{Point, Size};
@@ -43,7 +43,7 @@ struct Steps {
     denoised: Picture,
     floor: FloorPlanes,
     difference: DifferencePlanes,
-    class: Vec<u8>,
+    labels: Vec<u8>,
     object: Vec<u8>,
     mask: Vec<u8>,
 }
@@ -67,15 +67,15 @@ struct DifferencePlanes {
 }
 
 const NOISE: NoiseSettings = NoiseSettings {
-    least: 1.5,
+    min: 1.5,
     light: 0.01,
     colour: 0.015,
     displacement_px: 0.5,
 };
-const CLASSES: ClassSettings = ClassSettings {
+const LABELS: LabelSettings = LabelSettings {
     weak: 2.5,
     strong: 5.0,
-    shadow_least: 0.4,
+    shadow_min: 0.4,
     shadow_tint: 0.1,
 };
 
@@ -143,10 +143,10 @@ impl DifferencePlanes {
         difference(colour(picture), Gains::NONE, floor.reference(), SIZE, out);
     }
 
-    fn classify(
+    fn label(
         &self,
         floor: &FloorPlanes,
-        class: &mut [u8],
+        labels: &mut [u8],
         own: &mut [u8],
         windows: &mut DifferencePlanes,
     ) {
@@ -161,14 +161,14 @@ impl DifferencePlanes {
             red: &mut windows.red,
             blue: &mut windows.blue,
         };
-        classes(
+        label_pixels(
             difference,
             &floor.level,
             SIZE,
-            class,
+            labels,
             own,
             windows,
-            &CLASSES,
+            &LABELS,
         );
     }
 }
@@ -183,7 +183,7 @@ impl Steps {
             denoised: Picture::new(SIZE),
             floor: FloorPlanes::new(&floor.background().picture),
             difference: DifferencePlanes::new(),
-            class: plane(),
+            labels: plane(),
             object: plane(),
             mask: plane(),
         };
@@ -194,9 +194,9 @@ impl Steps {
         let mut windows = DifferencePlanes::new();
         steps
             .difference
-            .classify(&steps.floor, &mut steps.class, &mut plane(), &mut windows);
-        for (object, class) in steps.object.iter_mut().zip(&steps.class) {
-            *object = u8::from(class & STRONG != 0);
+            .label(&steps.floor, &mut steps.labels, &mut plane(), &mut windows);
+        for (object, label) in steps.object.iter_mut().zip(&steps.labels) {
+            *object = u8::from(label & STRONG != 0);
         }
         steps.mask.copy_from_slice(&steps.object);
         open_3x3(&mut steps.mask, SIZE, &mut plane());
@@ -231,11 +231,11 @@ fn pixels(criterion: &mut Criterion) {
     criterion.bench_function(&name("difference"), |b| {
         b.iter(|| planes.compare(&steps.denoised, &steps.floor));
     });
-    criterion.bench_function(&name("classes"), |b| {
+    criterion.bench_function(&name("labels"), |b| {
         b.iter(|| {
             steps
                 .difference
-                .classify(&steps.floor, &mut plane, &mut scratch, &mut planes);
+                .label(&steps.floor, &mut plane, &mut scratch, &mut planes);
         });
     });
     criterion.bench_function(&name("opening-and-closing"), |b| {

@@ -14,7 +14,7 @@ use std::{env, fs};
 use anyhow::{Context, bail};
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
-use fourier::matching::{compare_both_ways, least_distance};
+use fourier::matching::{compare_both_ways, min_distance};
 use imgproc::contour::{Span, follow_contour, next_shape, remove_shape, span_capacity};
 use imgproc::{Point, Size};
 
@@ -54,7 +54,7 @@ fn main() -> anyhow::Result<()> {
         upright.distance.min(turned.distance)
     };
     let by_magnitudes =
-        |a: &Descriptor, b: &Descriptor| least_distance(&a.magnitudes(), &b.magnitudes());
+        |a: &Descriptor, b: &Descriptor| min_distance(&a.magnitudes(), &b.magnitudes());
     println!("points      {:.4}", share_right(&silhouettes, by_points));
     println!(
         "magnitudes  {:.4}",

@@ -296,7 +296,7 @@ mod tests {
     use imgproc::Size;
 
     const SETTINGS: RecognitionSettings = RecognitionSettings {
-        misfit_max: 0.04,
+        residual_ratio_max: 0.04,
         plate_min_px: 8.0,
         plate_max_px: 200.0,
     };

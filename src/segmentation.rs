@@ -8,9 +8,9 @@ mod mask;
 pub(crate) mod shapes;
 mod texture;
 
-use imgproc::classes::{ClassSettings, Difference, FLOOR, WindowsMut, classes};
 use imgproc::contour::fill_contour;
 use imgproc::difference::{Colour, DifferenceMut, Gains, difference};
+use imgproc::labels::{Difference, FLOOR, LabelSettings, WindowsMut, label_pixels};
 use imgproc::morphology::{dilate_3x3, open_3x3};
 use imgproc::noise::frame_noise;
 use imgproc::{Bounds, Point, Size};
@@ -42,7 +42,7 @@ pub(crate) struct SegmentationSettings {
     /// Least difference that an object has somewhere, mean over a 3x3 window, in units of the noise.
     pub(crate) threshold: f32,
     /// Least share of the light that a shadow leaves.
-    pub(crate) shadow_least: f32,
+    pub(crate) shadow_min: f32,
     /// Smallest shape, px².
     pub(crate) area_min: usize,
 }
@@ -66,7 +66,7 @@ pub(crate) struct Segmenter {
     ghosts: Ghosts,
     textures: TextureJudge,
     planes: Planes,
-    class: Vec<u8>,
+    labels: Vec<u8>,
     own: Vec<u8>,
     mask: Vec<u8>,
     scratch: Vec<u8>,
@@ -136,7 +136,7 @@ impl Segmenter {
                 red_window: words(),
                 blue_window: words(),
             },
-            class: bytes(),
+            labels: bytes(),
             own: bytes(),
             mask: bytes(),
             scratch: bytes(),
@@ -197,7 +197,7 @@ impl Segmenter {
         }
         let light = self.follow_light(light);
         let gains = self.lighting.gains;
-        self.classify(gains, settings);
+        self.write_labels(gains, settings);
         let evidence = Evidence {
             level: &self.planes.level,
             floor_level: self.upkeep.reference().level,
@@ -205,9 +205,9 @@ impl Segmenter {
             previous: &self.previous,
             strong: (2.0 * settings.threshold) as u8,
         };
-        self.textures.judge(&mut self.class, &evidence);
+        self.textures.judge(&mut self.labels, &evidence);
         make_mask(
-            &self.class,
+            &self.labels,
             &self.own,
             self.size,
             &mut self.mask,
@@ -268,8 +268,8 @@ impl Segmenter {
         light
     }
 
-    /// Writes the class of each pixel.
-    fn classify(&mut self, gains: Gains, settings: &SegmentationSettings) {
+    /// Writes the label of each pixel.
+    fn write_labels(&mut self, gains: Gains, settings: &SegmentationSettings) {
         let Planes {
             light,
             red,
@@ -290,7 +290,7 @@ impl Segmenter {
         // In dim light the frame is magnified, and its noise with it.
         let dimmest = gains.red.min(gains.green).min(gains.blue).min(1.0);
         let strong = settings.threshold / dimmest;
-        classes(
+        label_pixels(
             Difference {
                 light,
                 red,
@@ -299,17 +299,17 @@ impl Segmenter {
             },
             reference.level,
             self.size,
-            &mut self.class,
+            &mut self.labels,
             &mut self.own,
             WindowsMut {
                 light: light_window,
                 red: red_window,
                 blue: blue_window,
             },
-            &ClassSettings {
+            &LabelSettings {
                 weak: strong * WEAK,
                 strong,
-                shadow_least: settings.shadow_least,
+                shadow_min: settings.shadow_min,
                 shadow_tint: SHADOW_TINT,
             },
         );
@@ -377,8 +377,9 @@ impl Segmenter {
 
     /// Notes where the frame does not show the floor as it is.
     fn cover(&mut self) {
-        for ((covered, &class), &mask) in self.covered.iter_mut().zip(&self.class).zip(&self.mask) {
-            *covered = u8::from(class != FLOOR || mask != 0);
+        for ((covered, &label), &mask) in self.covered.iter_mut().zip(&self.labels).zip(&self.mask)
+        {
+            *covered = u8::from(label != FLOOR || mask != 0);
         }
         // Single pixels are noise, and must not keep the floor from following.
         open_3x3(&mut self.covered, self.size, &mut self.scratch);

@@ -40,13 +40,13 @@ const FORMER: [&str; 2] = ["plate_mm", "marker_misfit_max"];
 
 /// A setting that is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("the setting {key} is {value}, but must be from {least} to {most}")]
+#[error("the setting {key} is {value}, but must be from {min} to {max}")]
 pub struct OutOfRange {
     /// Name of the setting.
     pub key: &'static str,
     value: String,
-    least: String,
-    most: String,
+    min: String,
+    max: String,
 }
 
 /// Settings of the pipeline. Lengths are pixels of the image.
@@ -150,7 +150,7 @@ impl Settings {
     pub(crate) fn segmentation(&self) -> SegmentationSettings {
         SegmentationSettings {
             threshold: self.threshold,
-            shadow_least: 1.0 - self.shadow,
+            shadow_min: 1.0 - self.shadow,
             area_min: self.area_min as usize,
         }
     }
@@ -168,7 +168,7 @@ impl Settings {
         RecognitionSettings {
             plate_min_px: self.plate_min.max(min),
             plate_max_px: self.plate_max.min(max),
-            misfit_max: self.marker_residual_max,
+            residual_ratio_max: self.marker_residual_max,
         }
     }
 }
@@ -187,12 +187,12 @@ fn within<T: PartialOrd + fmt::Display>(
     if range.contains(&value) {
         return Ok(());
     }
-    let (least, most) = range.into_inner();
+    let (min, max) = range.into_inner();
     Err(OutOfRange {
         key,
         value: value.to_string(),
-        least: least.to_string(),
-        most: most.to_string(),
+        min: min.to_string(),
+        max: max.to_string(),
     })
 }
 

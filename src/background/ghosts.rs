@@ -19,13 +19,13 @@ const SIGHTED_S: f64 = 0.5;
 const POINTS_MAX: usize = 96;
 
 /// Fewest points that tell anything.
-const POINTS_LEAST: usize = 12;
+const POINTS_MIN: usize = 12;
 
 /// From the contour to the pixels that are compared, inwards and outwards.
 const REACH_PX: f32 = 2.5;
 
 /// An edge is at least this high, levels summed over the channels.
-const EDGE_LEAST: i32 = 24;
+const EDGE_MIN: i32 = 24;
 
 /// What may turn out to be ghosts.
 #[derive(Debug)]
@@ -113,8 +113,8 @@ pub(crate) fn looks_left(
             in_floor += i32::from(floor[outside].abs_diff(floor[inside]) >> 8);
         }
         points += 1;
-        of_floor += usize::from(in_floor > 2 * in_frame + EDGE_LEAST);
-        of_frame += usize::from(in_frame > 2 * in_floor + EDGE_LEAST);
+        of_floor += usize::from(in_floor > 2 * in_frame + EDGE_MIN);
+        of_frame += usize::from(in_frame > 2 * in_floor + EDGE_MIN);
     }
-    points >= POINTS_LEAST && 10 * of_floor >= 6 * points && 100 * of_frame <= 12 * points
+    points >= POINTS_MIN && 10 * of_floor >= 6 * points && 100 * of_frame <= 12 * points
 }

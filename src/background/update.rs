@@ -32,20 +32,20 @@ const CELL: usize = 32;
 const CELLS_MAX: usize = 32;
 
 /// Least share of a cell that must be seen to tell its light.
-const SEEN_LEAST: usize = 4;
+const SEEN_MIN: usize = 4;
 
 /// A remembered floor must explain so much more of a frame, as a share of the picture.
-const RECALL_LEAST: f32 = 0.1;
+const RECALL_MIN: f32 = 0.1;
 
 /// A pixel is explained by a floor within so many levels.
-const EXPLAINED_WITHIN: f32 = 6.0;
+const SAME_WITHIN: f32 = 6.0;
 
 /// One pixel in so many is asked what explains a frame; no divisor of usual widths.
-const EXPLAINED_STRIDE: usize = 37;
+const SAME_STRIDE: usize = 37;
 
 /// What pixels vary without anything standing on them, see [`NoiseSettings`].
 const NOISE: NoiseSettings = NoiseSettings {
-    least: 1.5,
+    min: 1.5,
     light: 0.01,
     colour: 0.015,
     displacement_px: 0.5,
@@ -156,8 +156,8 @@ impl BackgroundUpdate {
     /// Exchanges the floor for the remembered one if that explains more of the frame. Whether it does.
     pub(crate) fn recall(&mut self, frame: &Picture, covered: &[u8]) -> bool {
         let better = self.remembers
-            && explained(frame, &self.remembered, covered)
-                > explained(frame, &self.channels, covered) + RECALL_LEAST;
+            && share_alike(frame, &self.remembered, covered)
+                > share_alike(frame, &self.channels, covered) + RECALL_MIN;
         if better {
             std::mem::swap(&mut self.channels, &mut self.remembered);
             self.prepare(0, self.size.height);
@@ -193,7 +193,7 @@ impl BackgroundUpdate {
                     }
                 }
                 band = (band.0 + before, band.1 + after);
-                if seen * SEEN_LEAST < columns.len() * (end - first) {
+                if seen * SEEN_MIN < columns.len() * (end - first) {
                     (before, after) = band;
                 }
                 if before == 0 || before == after {
@@ -305,7 +305,7 @@ impl BackgroundUpdate {
 }
 
 /// Share of the frame that a floor explains, in whatever exposure, where `covered` is 0.
-fn explained(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8]) -> f32 {
+fn share_alike(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8]) -> f32 {
     let gains = fit(frame, floor, covered, Gains::NONE);
     let factors = [gains.red, gains.green, gains.blue].map(|gain| gain / 256.0);
     let planes = [&frame.red, &frame.green, &frame.blue];
@@ -316,12 +316,11 @@ fn explained(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8]) -> f32 {
             .zip(factors)
             .all(|((plane, floor), factor)| {
                 let expected = f32::from(floor[i]) * factor;
-                (f32::from(plane[i]) - expected.min(255.0)).abs()
-                    < EXPLAINED_WITHIN.max(0.06 * expected)
+                (f32::from(plane[i]) - expected.min(255.0)).abs() < SAME_WITHIN.max(0.06 * expected)
             })
     };
     let seen = (0..covered.len())
-        .step_by(EXPLAINED_STRIDE)
+        .step_by(SAME_STRIDE)
         .filter(|&i| covered[i] == 0);
     let (n, n_alike) = seen.fold((0, 0), |(n, n_alike), i| {
         (n + 1, n_alike + u32::from(alike(i)))

@@ -91,16 +91,16 @@ pub enum ControlError {
         flag: &'static str,
     },
     /// The value is not one of those that the camera has.
-    #[error("{flag} {asked}: the camera has {least} to {most}{unit} in steps of {step}")]
+    #[error("{flag} {asked}: the camera has {min} to {max}{unit} in steps of {step}")]
     Range {
         /// The argument.
         flag: &'static str,
         /// Its value.
         asked: i64,
         /// Smallest value, in the argument's unit.
-        least: i64,
+        min: i64,
         /// Largest value.
-        most: i64,
+        max: i64,
         /// From one value to the next.
         step: i64,
         /// The unit, if there is one.
@@ -287,17 +287,17 @@ impl Controls {
                     return Err(ControlError::NotOffered { name, flag });
                 }
             };
-            let [least, most, step] = [range.least, range.most, range.step].map(i64::from);
+            let [min, max, step] = [range.min, range.max, range.step].map(i64::from);
             let steps = asked / value.scale;
             let is_offered = asked % value.scale == 0
-                && (least..=most).contains(&steps)
-                && (steps - least) % step == 0;
+                && (min..=max).contains(&steps)
+                && (steps - min) % step == 0;
             let Some(written) = i32::try_from(steps).ok().filter(|_| is_offered) else {
                 return Err(ControlError::Range {
                     flag,
                     asked,
-                    least: least * value.scale,
-                    most: most * value.scale,
+                    min: min * value.scale,
+                    max: max * value.scale,
                     step: step * value.scale,
                     unit: value.unit,
                 });
@@ -479,14 +479,14 @@ impl Controls {
                 };
                 let scaled = |number: i32| i64::from(number) * value.scale;
                 let (name, unit) = (value.name, value.unit);
-                let [least, most, step] = [range.least, range.most, range.step].map(scaled);
+                let [min, max, step] = [range.min, range.max, range.step].map(scaled);
                 let now = now.map_or("unknown".to_owned(), |now| scaled(now).to_string());
                 let step = match step {
                     1 => String::new(),
                     step => format!(" in steps of {step}"),
                 };
                 lines.push(format!(
-                    "{name}: {least} to {most}{unit}{step}, now {now}{automatic}"
+                    "{name}: {min} to {max}{unit}{step}, now {now}{automatic}"
                 ));
             }
             if lines.len() == n_before {

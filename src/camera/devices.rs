@@ -96,7 +96,7 @@ fn describe_format(device: &Device, fourcc: FourCc, out: &mut impl Write) -> io:
     writeln!(out, "  {}", text(fourcc))?;
     for sizes in device.sizes(fourcc) {
         // A grid's rates are those of its largest size, which all smaller ones reach too.
-        let (Sizes::One(size) | Sizes::Grid { most: size, .. }) = sizes;
+        let (Sizes::One(size) | Sizes::Grid { max: size, .. }) = sizes;
         let intervals = device.intervals(fourcc, size);
         let rates: Vec<String> = intervals.iter().map(ToString::to_string).collect();
         match rates.as_slice() {

@@ -131,7 +131,7 @@ impl Camera {
     /// Throws frames away for so long, and so many, and returns how bright the last one is (mean, of 255); `None` if stopped.
     fn brightness_after(
         &mut self,
-        (time, n_least): (Duration, u32),
+        (time, n_min): (Duration, u32),
         stop: &AtomicBool,
         frame: &mut Frame,
     ) -> Result<Option<f64>, CameraError> {
@@ -145,7 +145,7 @@ impl Camera {
             n += 1;
             let is_over = v4l2::monotonic_ns() - start_ns >= time.as_nanos() as u64;
             // A frame that is no picture is followed by one that is.
-            if is_over && n >= n_least && decode(frame, &mut picture).is_ok() {
+            if is_over && n >= n_min && decode(frame, &mut picture).is_ok() {
                 return Ok(Some(mean(&picture)));
             }
         }

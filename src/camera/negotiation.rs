@@ -304,15 +304,15 @@ fn sizes(offered: &Sizes, wished: Option<Size>) -> Vec<Size> {
 fn nearest(sizes: &Sizes, wanted: Size) -> Size {
     match *sizes {
         Sizes::One(size) => size,
-        Sizes::Grid { least, most, step } => {
-            let side = |least: usize, most: usize, step: usize, wanted: usize| {
-                let (step, most) = (step.max(1), most.max(least));
-                let n_steps = (wanted.clamp(least, most) - least) / step;
-                least + step * n_steps.min((most - least) / step)
+        Sizes::Grid { min, max, step } => {
+            let side = |min: usize, max: usize, step: usize, wanted: usize| {
+                let (step, max) = (step.max(1), max.max(min));
+                let n_steps = (wanted.clamp(min, max) - min) / step;
+                min + step * n_steps.min((max - min) / step)
             };
             Size {
-                width: side(least.width, most.width, step.width, wanted.width),
-                height: side(least.height, most.height, step.height, wanted.height),
+                width: side(min.width, max.width, step.width, wanted.width),
+                height: side(min.height, max.height, step.height, wanted.height),
             }
         }
     }
@@ -568,8 +568,8 @@ mod tests {
     #[test]
     fn grids_are_snapped_to() {
         let grid = |step| Sizes::Grid {
-            least: size(48, 48),
-            most: size(1000, 500),
+            min: size(48, 48),
+            max: size(1000, 500),
             step,
         };
         assert_eq!(nearest(&grid(size(1, 1)), size(640, 480)), size(640, 480));

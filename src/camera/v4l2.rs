@@ -100,7 +100,7 @@ pub(crate) struct Card {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sizes {
     One(Size),
-    Grid { least: Size, most: Size, step: Size },
+    Grid { min: Size, max: Size, step: Size },
 }
 
 /// An interval between frames that a camera offers, or a range of them.
@@ -116,8 +116,8 @@ pub(crate) enum Intervals {
 /// What a control takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ControlRange {
-    pub(crate) least: i32,
-    pub(crate) most: i32,
+    pub(crate) min: i32,
+    pub(crate) max: i32,
     /// Between values, counted from the least; at least 1.
     pub(crate) step: i32,
     pub(crate) is_writable: bool,
@@ -128,8 +128,8 @@ impl fmt::Display for Sizes {
         let text = |size: &Size| format!("{}x{}", size.width, size.height);
         match self {
             Self::One(size) => write!(f, "{}", text(size)),
-            Self::Grid { least, most, step } => {
-                write!(f, "{} to {}", text(least), text(most))?;
+            Self::Grid { min, max, step } => {
+                write!(f, "{} to {}", text(min), text(max))?;
                 match (step.width, step.height) {
                     (0 | 1, 0 | 1) => Ok(()),
                     _ => write!(f, " in steps of {}", text(step)),
@@ -227,8 +227,8 @@ impl Device {
             match found.kind {
                 KIND_DISCRETE => Sizes::One(size(a, b)),
                 _ => Sizes::Grid {
-                    least: size(a, d),
-                    most: size(b, e),
+                    min: size(a, d),
+                    max: size(b, e),
                     step: size(c, f),
                 },
             }
@@ -311,8 +311,8 @@ impl Device {
         };
         call(self.fd(), &QUERYCTRL, &mut found).ok()?;
         (found.flags & CONTROL_DISABLED == 0).then_some(ControlRange {
-            least: found.minimum,
-            most: found.maximum,
+            min: found.minimum,
+            max: found.maximum,
             step: found.step.max(1),
             is_writable: found.flags & CONTROL_READ_ONLY == 0,
         })
@@ -587,8 +587,8 @@ mod tests {
         };
         assert_eq!(Sizes::One(size(640, 480)).to_string(), "640x480");
         let grid = |step| Sizes::Grid {
-            least: size(16, 8),
-            most: size(64, 32),
+            min: size(16, 8),
+            max: size(64, 32),
             step,
         };
         assert_eq!(grid(size(1, 1)).to_string(), "16x8 to 64x32");

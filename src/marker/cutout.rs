@@ -293,7 +293,7 @@ fn square_around<Points: Iterator<Item = Point>>(
     points: impl Fn() -> Points,
     turns_rad: impl Iterator<Item = f32>,
 ) -> Option<Square> {
-    let mut least: Option<(f32, Square, f32)> = None;
+    let mut min: Option<(f32, Square, f32)> = None;
     for turn_rad in turns_rad {
         let (sin, cos) = turn_rad.sin_cos();
         let mut spans = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
@@ -307,16 +307,16 @@ fn square_around<Points: Iterator<Item = Point>>(
         let [along, across] = spans.map(|[from, to]| to - from + 1.0);
         let [u, v] = spans.map(|[from, to]| (from + to) / 2.0);
         let area = along * across;
-        if area.is_finite() && least.is_none_or(|(before, ..)| area < before) {
+        if area.is_finite() && min.is_none_or(|(before, ..)| area < before) {
             let square = Square {
                 centre: [cos * u - sin * v, sin * u + cos * v],
                 turn_rad,
                 side_px: area.sqrt(),
             };
-            least = Some((area, square, along.max(across) / along.min(across)));
+            min = Some((area, square, along.max(across) / along.min(across)));
         }
     }
-    let (_, square, length_per_width) = least?;
+    let (_, square, length_per_width) = min?;
     (length_per_width <= SQUARE_MAX).then_some(square)
 }
 

@@ -54,12 +54,12 @@ impl BlurEstimate {
     }
 
     /// What a fit may start from.
-    pub(crate) fn prior(&self, plate_ln_sigma: f32, misfit_max: f32) -> Prior {
+    pub(crate) fn prior(&self, plate_ln_sigma: f32, residual_ratio_max: f32) -> Prior {
         Prior {
-            noise: self.noise.max(NOISE_LEAST),
+            noise: self.noise.max(NOISE_MIN),
             blur_ln_sigma: (self.ln_variance + BETWEEN_PLATES * BETWEEN_PLATES).sqrt(),
             plate_ln_sigma,
-            misfit_max,
+            residual_ratio_max,
         }
     }
 
@@ -91,4 +91,4 @@ impl BlurEstimate {
 }
 
 /// A camera rounds to whole grey levels, and compresses.
-const NOISE_LEAST: f32 = 0.5;
+const NOISE_MIN: f32 = 0.5;

@@ -2,7 +2,7 @@
 
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
-use fourier::matching::{compare_both_ways, least_distance};
+use fourier::matching::{compare_both_ways, min_distance};
 use fourier::wrapped;
 use imgproc::fit::{Fit, Pose, Within, fit_shape};
 
@@ -23,7 +23,7 @@ const DISTANCE_MAX: f32 = 0.05;
 const DISTANCE_BEYOND: (f32, f32) = (4.0, 0.004);
 
 /// A plate that shows a marker correlates with its pattern by this at least, however it lies on the pixels.
-const ALIKE_LEAST: f32 = 0.5;
+const ALIKE_MIN: f32 = 0.5;
 
 /// The size of the plate that a contour gives is right to this share.
 const PLATE_LN_SIGMA: f32 = 0.1;
@@ -36,7 +36,7 @@ const NOISE_DEVIATIONS: f32 = 4.0;
 
 /// The second best explanation must leave more than the best: difference of the sums of squares, in units of the noise. Were
 /// both equally likely, the chance to be wrong would be exp(-8).
-const RIVAL_LEAST: f32 = 16.0;
+const RIVAL_MIN: f32 = 16.0;
 
 /// Plate and marker are at least this many grey levels apart, and so many times the noise: of a figure that is fainter, noise could
 /// hide a hundredth of the plate, and a robot in bad colours was taken for a keyhole at 6.
@@ -63,14 +63,14 @@ const SEEN_SHARE_MIN: f32 = 0.35;
 
 /// A marker on a part of its plate must explain so much of it, and what it leaves is limited to this share of what a whole one may
 /// leave: those that were there explained 0.989 and more; half a figure in a shadow explained 0.987.
-const PART_EXPLAINED_MIN: f32 = 0.985;
-const PART_MISFIT: f32 = 0.8;
+const PART_R_SQUARED_MIN: f32 = 0.985;
+const PART_RESIDUAL_RATIO: f32 = 0.8;
 
 /// How sure a figure must be to count as a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecognitionSettings {
     /// What a marker may leave unexplained besides noise: root mean square over its plate, share of the contrast.
-    pub misfit_max: f32,
+    pub residual_ratio_max: f32,
     /// Smallest plate, side in pixels.
     pub plate_min_px: f32,
     /// Largest plate, side in pixels.
@@ -136,7 +136,7 @@ impl Family {
         optics: &BlurEstimate,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
-        let prior = optics.prior(PLATE_LN_SIGMA, settings.misfit_max);
+        let prior = optics.prior(PLATE_LN_SIGMA, settings.residual_ratio_max);
         let mut best: Option<(usize, Fit)> = None;
         let mut rival = f32::INFINITY;
         for (marker, start) in starts.into_iter().flatten() {
@@ -174,7 +174,7 @@ impl Family {
                 // The drawing points up, against the y axis.
                 heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
                 plate_px: fit.pose.plate_px,
-                confidence: fit.explained,
+                confidence: fit.r_squared,
                 covariance: fit.covariance,
                 blur: optics.blur_of(&fit),
             })
@@ -215,7 +215,7 @@ impl Family {
         for quarters in 0..4 {
             for (marker, of_marker) in self.markers.iter().enumerate() {
                 let alike = seen.correlation(of_marker.template.pattern());
-                if alike < ALIKE_LEAST {
+                if alike < ALIKE_MIN {
                     continue;
                 }
                 let less = |kept: &Option<(f32, Start)>| kept.is_none_or(|(kept, _)| kept < alike);
@@ -246,7 +246,7 @@ impl Family {
                 let Some(reference) = nearest_size(sizes, descriptor.size_px) else {
                     continue;
                 };
-                if least_distance(&magnitudes, &reference.magnitudes) > DISTANCE_MAX {
+                if min_distance(&magnitudes, &reference.magnitudes) > DISTANCE_MAX {
                     continue;
                 }
                 let both = compare_both_ways(descriptor, &reference.descriptor);
@@ -285,11 +285,11 @@ fn smaller_paper<'a>(plate: &Plate<'a>, start: &Pose) -> Option<Within<'a>> {
 fn shows_enough(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     let seen_px2 = fit.n * (fit.block_px * fit.block_px) as f32;
     let stricter = RecognitionSettings {
-        misfit_max: PART_MISFIT * settings.misfit_max,
+        residual_ratio_max: PART_RESIDUAL_RATIO * settings.residual_ratio_max,
         ..*settings
     };
     seen_px2 >= SEEN_SHARE_MIN * fit.pose.plate_px * fit.pose.plate_px
-        && fit.explained >= PART_EXPLAINED_MIN
+        && fit.r_squared >= PART_R_SQUARED_MIN
         && explains(fit, noise, &stricter)
 }
 
@@ -330,10 +330,11 @@ fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     let block = fit.block_px as f32;
     let noise = NOISE_OF_WHITE * noise / block;
     let blur_share = fit.pose.blur_px / fit.pose.plate_px;
-    let misfit = settings.misfit_max * (BLUR_SHARE_FREE / blur_share).min(1.0) * fit.contrast;
+    let residual_max =
+        settings.residual_ratio_max * (BLUR_SHARE_FREE / blur_share).min(1.0) * fit.contrast;
     let spread = 1.0 + NOISE_DEVIATIONS * (2.0 / fit.n).sqrt();
     let left = fit.residual / block;
-    left * left <= noise * noise * spread + misfit * misfit
+    left * left <= noise * noise * spread + residual_max * residual_max
         && fit.contrast >= CONTRAST_MIN.0.max(CONTRAST_MIN.1 * noise)
         && fit.contrast <= BLACKER_THAN_BLACK * fit.light
         && blur_share <= BLUR_SHARE_MAX
@@ -341,8 +342,8 @@ fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
 
 /// Whether every other explanation leaves clearly more.
 fn clear(fit: &Fit, rival: f32, noise: f32) -> bool {
-    let least = fit.residual.max(noise);
-    fit.n * (rival * rival - fit.residual * fit.residual) >= RIVAL_LEAST * least * least
+    let unit = fit.residual.max(noise);
+    fit.n * (rival * rival - fit.residual * fit.residual) >= RIVAL_MIN * unit * unit
 }
 
 /// The reference whose size is nearest, as a ratio.

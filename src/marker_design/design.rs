@@ -75,8 +75,8 @@ impl Shape {
         // Most random shapes end here, before anything is rendered.
         let is_exact = least_heading_sigma(&drawing, GOOD_VIEW) <= HEADING_SIGMA_MAX;
         let shape = is_exact.then(|| Self::new(drawing)).flatten()?;
-        let least = shape.sharp.elongation().min(shape.small.elongation());
-        (least >= ELONGATION_MIN).then_some(shape)
+        let min = shape.sharp.elongation().min(shape.small.elongation());
+        (min >= ELONGATION_MIN).then_some(shape)
     }
 
     /// Distance from itself upside down, on a small plate; 0 where it is too little on a large one.
@@ -158,11 +158,11 @@ fn radii(random: &mut u64) -> [f32; DIRECTIONS + 1] {
     let mut radii = [0.0; DIRECTIONS + 1];
     let mut last = None::<f32>;
     for radius in &mut radii {
-        let (least, most) = match last {
+        let (min, max) = match last {
             Some(last) => (RADIUS.0.max(last - STEP_MAX), RADIUS.1.min(last + STEP_MAX)),
             None => RADIUS,
         };
-        *radius = least + (most - least) * uniform(random);
+        *radius = min + (max - min) * uniform(random);
         last = Some(*radius);
     }
     radii

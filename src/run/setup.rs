@@ -221,13 +221,13 @@ fn check_plate(
                 .to_owned()
         ));
     };
-    let least = f64::from(settings.plate_min);
-    let most = f64::from(settings.plate_max).min(size.width.min(size.height) as f64);
+    let min = f64::from(settings.plate_min);
+    let max = f64::from(settings.plate_max).min(size.width.min(size.height) as f64);
     // Robots are higher than the floor, and their plates look larger.
     let tolerance = f64::from(settings::PRINTED_SIZE_TOLERANCE);
     match calibration.plate_px(plate_mm, size) {
-        Some((from, to)) if to * tolerance < least || from / tolerance > most => bail!(
-            "--plate {plate_mm}: such plates would be {from:.2} to {to:.2} pixels wide in this picture, but those of {least} to {most} are read; \
+        Some((from, to)) if to * tolerance < min || from / tolerance > max => bail!(
+            "--plate {plate_mm}: such plates would be {from:.2} to {to:.2} pixels wide in this picture, but those of {min} to {max} are read; \
              give the calibration's floor points in metres and the plate in millimetres"
         ),
         _ => Ok(()),

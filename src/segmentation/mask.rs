@@ -1,7 +1,7 @@
-//! From the classes of the pixels to the mask: opening, closing, and what the lens blurs (section 2.1.1 of the paper).
+//! From the labels of the pixels to the mask: opening, closing, and what the lens blurs (section 2.1.1 of the paper).
 
 use imgproc::Size;
-use imgproc::classes::{BRIGHT, STRONG};
+use imgproc::labels::{BRIGHT, STRONG};
 use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
 
 /// Added to the 1 of an object's pixels: it differs strongly, and a 5x5 square of object is around it.
@@ -9,28 +9,28 @@ const CORE: u8 = 2;
 
 /// Writes the mask: not 0 where an object is. `own` is the difference of each pixel alone; the two planes of `scratch` are overwritten.
 pub(super) fn make_mask(
-    class: &[u8],
+    labels: &[u8],
     own: &[u8],
     size: Size,
     mask: &mut Vec<u8>,
     [scratch, inner]: [&mut Vec<u8>; 2],
 ) {
-    for (mask, &class) in mask.iter_mut().zip(class) {
-        *mask = u8::from(class & !STRONG >= BRIGHT);
+    for (mask, &label) in mask.iter_mut().zip(labels) {
+        *mask = u8::from(label & !STRONG >= BRIGHT);
     }
     // What is certain may be thinner than the opening leaves it: the rim of a small plate. Between it and the white there is a line
     // as grey as the floor.
     open_3x3(mask, size, scratch);
-    for (mask, &class) in mask.iter_mut().zip(class) {
-        *mask |= u8::from(class & STRONG != 0);
+    for (mask, &label) in mask.iter_mut().zip(labels) {
+        *mask |= u8::from(label & STRONG != 0);
     }
     close_gaps(mask, size, scratch);
     open_3x3(mask, size, scratch);
     strip_blur(mask, own, size, scratch);
     erode_3x3(mask, size, scratch);
     erode_3x3(scratch, size, inner);
-    for ((mask, &inside), &class) in mask.iter_mut().zip(inner.iter()).zip(class) {
-        if inside != 0 && class & STRONG != 0 {
+    for ((mask, &inside), &label) in mask.iter_mut().zip(inner.iter()).zip(labels) {
+        if inside != 0 && label & STRONG != 0 {
             *mask |= CORE;
         }
     }
@@ -58,12 +58,12 @@ fn strip_blur(mask: &mut [u8], own: &[u8], size: Size, scratch: &mut [u8]) {
             if !border {
                 continue;
             }
-            let most = (y - 2..=y + 2)
+            let max = (y - 2..=y + 2)
                 .flat_map(|y| y * width + x - 2..=y * width + x + 2)
                 .filter(|&i| before[i] != 0)
                 .map(|i| own[i])
                 .max();
-            if most.is_some_and(|most| own[i] < most / 2) {
+            if max.is_some_and(|max| own[i] < max / 2) {
                 mask[i] = 0;
             }
         }

@@ -1,7 +1,7 @@
 //! Whether the floor's texture shows where a picture differs in brightness: then it is the floor in another light.
 
 use imgproc::Size;
-use imgproc::classes::{BLACK, BRIGHT, COLOURED, SHADE, STRONG};
+use imgproc::labels::{BLACK, BRIGHT, COLOURED, SHADE, STRONG};
 use imgproc::texture::{Textures, TexturesMut, Visibility, textures, visibility};
 
 /// The floor's texture is looked for at about this many places of a frame at most.
@@ -14,7 +14,7 @@ const CELL_MAX: usize = 32;
 const FLOOR_SHOWS: f32 = 0.4;
 
 /// That the floor's texture is seen must be this sure, in standard deviations; more so where an object was in the frame before.
-const SEEN_LEAST: f32 = 3.5;
+const SEEN_MIN: f32 = 3.5;
 const SEEN_LEAST_AFTER_OBJECT: f32 = 6.0;
 
 /// Below this share of the floor's texture something covers it. Compression takes texture away too.
@@ -32,12 +32,12 @@ pub(super) struct TextureJudge {
     floor: Vec<i16>,
 }
 
-/// What is known of a frame besides its classes.
+/// What is known of a frame besides its labels.
 pub(super) struct Evidence<'a> {
     /// Sums of the channels, of the frame and of the floor in the frame's light.
     pub(super) level: &'a [u16],
     pub(super) floor_level: &'a [u16],
-    /// How much a pixel differs, see [`imgproc::classes::classes`].
+    /// How much a pixel differs, see [`imgproc::labels::label_pixels`].
     pub(super) own: &'a [u8],
     /// The mask of the frame before.
     pub(super) previous: &'a [u8],
@@ -57,9 +57,9 @@ impl TextureJudge {
 
     /// Light and shadow in which the floor's texture is seen are floor, whatever their brightness; a shadow in which it is not
     /// seen is an object, and so is what differs only a little.
-    pub(super) fn judge(&mut self, class: &mut [u8], evidence: &Evidence<'_>) {
+    pub(super) fn judge(&mut self, labels: &mut [u8], evidence: &Evidence<'_>) {
         let Size { width, height } = self.size;
-        let candidates = class.iter().filter(|&&class| open(class)).count();
+        let candidates = labels.iter().filter(|&&label| open(label)).count();
         if candidates == 0 {
             return;
         }
@@ -77,7 +77,7 @@ impl TextureJudge {
             evidence.floor_level,
             self.size,
             &mut out,
-            |i| open(class[i]),
+            |i| open(labels[i]),
         );
         for top in (0..height).step_by(side) {
             for left in (0..width).step_by(side) {
@@ -88,14 +88,14 @@ impl TextureJudge {
                     bottom: (top + side).min(height),
                     middle: (left + side / 2, top + side / 2),
                 };
-                let [darker, brighter] = self.probe(class, &cell);
+                let [darker, brighter] = self.probe(labels, &cell);
                 if darker.is_none() && brighter.is_none() {
                     continue; // most of the floor
                 }
                 for y in cell.top..cell.bottom {
                     let row = y * width + cell.left..y * width + cell.right;
-                    for (class, i) in class[row.clone()].iter_mut().zip(row) {
-                        *class = reclassify(i, *class, [darker, brighter], evidence);
+                    for (label, i) in labels[row.clone()].iter_mut().zip(row) {
+                        *label = relabel(i, *label, [darker, brighter], evidence);
                     }
                 }
             }
@@ -104,7 +104,7 @@ impl TextureJudge {
 
     /// How much of the floor's texture is seen in a cell, in what is darker than the floor and in what is brighter: each is
     /// judged by the candidate that is next to the middle.
-    fn probe(&self, class: &[u8], cell: &Cell) -> [Option<Visibility>; 2] {
+    fn probe(&self, labels: &[u8], cell: &Cell) -> [Option<Visibility>; 2] {
         let mut nearest = [None::<(usize, (usize, usize))>; 2];
         for y in cell.top..cell.bottom {
             let row = y * self.size.width;
@@ -119,8 +119,8 @@ impl TextureJudge {
                     continue;
                 }
                 let distance = x.abs_diff(cell.middle.0) + y.abs_diff(cell.middle.1);
-                let nearest = &mut nearest[usize::from(class[i] & !STRONG == BRIGHT)];
-                if nearest.is_none_or(|(least, _)| distance < least) {
+                let nearest = &mut nearest[usize::from(labels[i] & !STRONG == BRIGHT)];
+                if nearest.is_none_or(|(min, _)| distance < min) {
                     *nearest = Some((distance, (x, y)));
                 }
             }
@@ -143,36 +143,36 @@ struct Cell {
     middle: (usize, usize),
 }
 
-/// Whether texture may change a class.
-fn open(class: u8) -> bool {
-    matches!(class & !STRONG, BRIGHT | BLACK | SHADE) || class == COLOURED
+/// Whether texture may change a label.
+fn open(label: u8) -> bool {
+    matches!(label & !STRONG, BRIGHT | BLACK | SHADE) || label == COLOURED
 }
 
-/// The class of pixel `i` once the floor's texture has been looked for.
-fn reclassify(
+/// The label of pixel `i` once the floor's texture has been looked for.
+fn relabel(
     i: usize,
-    class: u8,
+    label: u8,
     [darker, brighter]: [Option<Visibility>; 2],
     evidence: &Evidence<'_>,
 ) -> u8 {
-    let seen_least = match evidence.previous[i] {
-        0 => SEEN_LEAST,
+    let seen_min = match evidence.previous[i] {
+        0 => SEEN_MIN,
         _ => SEEN_LEAST_AFTER_OBJECT,
     };
-    match class & !STRONG {
+    match label & !STRONG {
         // What is brighter may be white and bear a texture of its own.
-        BRIGHT if brighter.is_some_and(|seen| shows(seen, 2.0 * seen_least)) => SHADE,
-        BLACK if darker.is_some_and(|seen| shows(seen, seen_least)) => SHADE,
+        BRIGHT if brighter.is_some_and(|seen| shows(seen, 2.0 * seen_min)) => SHADE,
+        BLACK if darker.is_some_and(|seen| shows(seen, seen_min)) => SHADE,
         SHADE if darker.is_some_and(hides) && evidence.own[i] >= evidence.strong => BLACK | STRONG,
         SHADE if darker.is_some_and(hides) => BLACK,
-        COLOURED if class & STRONG == 0 && darker.is_some_and(hides) => COLOURED | STRONG,
-        _ => class,
+        COLOURED if label & STRONG == 0 && darker.is_some_and(hides) => COLOURED | STRONG,
+        _ => label,
     }
 }
 
 /// Whether the floor is seen.
-fn shows(texture: Visibility, seen_least: f32) -> bool {
-    texture.share > FLOOR_SHOWS && texture.seen > seen_least
+fn shows(texture: Visibility, seen_min: f32) -> bool {
+    texture.share > FLOOR_SHOWS && texture.seen > seen_min
 }
 
 /// Whether something covers the floor.

@@ -87,9 +87,9 @@ fn a_file_never_grows_larger_than_it_may() {
     let path = folder.path().join("run.mcap");
     let mut slots = slots(PixelFormat::Yuyv, 900, 0);
     slots[0].background = Some(floor(100, SIZE));
-    let most = 2_000_000;
+    let max = 2_000_000;
     let limits = Limits {
-        bytes: Some(most),
+        bytes: Some(max),
         duration_ns: None,
     };
     let (next_files, summary) = record(&path, false, limits, &mut slots);
@@ -98,7 +98,7 @@ fn a_file_never_grows_larger_than_it_may() {
         "{summary:?}"
     );
     for next in &next_files {
-        assert!(next.summary.bytes <= most);
+        assert!(next.summary.bytes <= max);
         // What is kept free is for the frames on their way and their results, and not most of the file.
         assert!(next.summary.frames > 1, "{next:?}");
     }

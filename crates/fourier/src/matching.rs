@@ -76,7 +76,7 @@ fn compare_one_way(descriptor: &Descriptor, reference: &Descriptor, half_turn: b
 /// A distance that no turn and no shift of the start point undercuts, from the [magnitudes](Descriptor::magnitudes) of two
 /// descriptors: both change phases only.
 #[must_use]
-pub fn least_distance(a: &[f32; N], b: &[f32; N]) -> f32 {
+pub fn min_distance(a: &[f32; N], b: &[f32; N]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
@@ -211,18 +211,18 @@ mod tests {
         }
 
         #[test]
-        fn no_distance_is_less_than_the_least(
+        fn no_distance_is_less_than_the_minimum(
             points in proptest::collection::vec((0f32..90.0, 0f32..90.0), 3..9),
         ) {
             let points: std::vec::Vec<[f32; 2]> = points.into_iter().map(|(x, y)| [x, y]).collect();
             let Ok(a) = describe(&resample(&points), 0.05) else { return Ok(()) };
             for b in [triangle(), half_disc(1.0, 20.0)] {
-                let least = least_distance(&a.magnitudes(), &b.magnitudes());
+                let min = min_distance(&a.magnitudes(), &b.magnitudes());
                 for found in compare_both_ways(&a, &b) {
-                    prop_assert!(found.distance >= least - 1e-4 * (1.0 + least));
+                    prop_assert!(found.distance >= min - 1e-4 * (1.0 + min));
                 }
             }
-            prop_assert!(least_distance(&a.magnitudes(), &a.magnitudes()) < 1e-9);
+            prop_assert!(min_distance(&a.magnitudes(), &a.magnitudes()) < 1e-9);
         }
     }
 }

@@ -23,7 +23,7 @@
 //!
 //! * Hue counts by the saturation there is: in the vector, the hue of a grey floor weighs nothing. The paper's plain
 //!   difference of hues is noise there.
-//! * Lightness is not discarded but kept apart, since it is all that tells grey from grey; [`classes`](crate::classes)
+//! * Lightness is not discarded but kept apart, since it is all that tells grey from grey; [`labels`](crate::labels)
 //!   decides what of it is shadow.
 //! * One unit for all floors and cameras replaces a threshold in steps of hue.
 //!
@@ -52,7 +52,7 @@ const CHANNEL_MAX: u16 = 2 * 255 * FINE as u16;
 const SATURATED: u8 = 250;
 
 /// Most noise, in levels, that may be a sensor's; what varies more varies with what is around it.
-const SENSOR_MOST: f32 = 3.0;
+const SENSOR_MAX: f32 = 3.0;
 
 /// A colour picture as three planes.
 #[derive(Debug, Clone, Copy)]
@@ -69,7 +69,7 @@ pub struct Colour<'a, T = u8> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseSettings {
     /// Of any pixel, in levels: rounding and compression.
-    pub least: f32,
+    pub min: f32,
     /// Of the light, as a share of the floor's brightness.
     pub light: f32,
     /// Of the light's colour, as a share of the floor's brightness.
@@ -187,12 +187,12 @@ pub fn prepare(
             let square = |x: f32| x * x;
             // A sensor's noise is that of a pixel and a channel alone, and halves in the mean of a window and three channels;
             // that of colour, the difference of two channels, becomes less by a quarter at least.
-            let light = square(varies - varies.min(SENSOR_MOST) / 2.0)
-                + square(settings.least)
+            let light = square(varies - varies.min(SENSOR_MAX) / 2.0)
+                + square(settings.min)
                 + square(settings.light * mean)
                 + square(slope);
-            let colour = square(varies - varies.min(SENSOR_MOST) / 4.0)
-                + square(settings.least)
+            let colour = square(varies - varies.min(SENSOR_MAX) / 4.0)
+                + square(settings.min)
                 + square(settings.colour * mean)
                 + square(slope / 2.0);
             // At most as much as white can hold, rounded down: shares of the sum stay below 1.
@@ -319,7 +319,7 @@ mod tests {
         height: 1,
     };
     const NOISE: NoiseSettings = NoiseSettings {
-        least: 2.0,
+        min: 2.0,
         light: 0.0,
         colour: 0.0,
         displacement_px: 0.0,

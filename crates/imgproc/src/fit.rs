@@ -110,7 +110,7 @@ pub struct Prior {
     pub plate_ln_sigma: f32,
     /// What a shape that is there leaves at most, besides noise: root mean square, share of the contrast. Fits that will not
     /// get near to it are given up.
-    pub misfit_max: f32,
+    pub residual_ratio_max: f32,
 }
 
 /// What the pixels say.
@@ -125,7 +125,7 @@ pub struct Fit {
     /// Root of the mean square of what is left, grey levels of a single pixel.
     pub residual: f32,
     /// Share of the pixels' (or blocks') variation that the shape explains, the rest being noise and what is different: 0 to 1.
-    pub explained: f32,
+    pub r_squared: f32,
     /// Pixels, or blocks of them, that counted.
     pub n: f32,
     /// Pixels of a block's side: 1 where every pixel counted by itself.
@@ -181,8 +181,8 @@ pub fn fit_shape(
         }
         let freedom = f64::from(n) - UNKNOWNS as f64;
         let variance = (normal.squares / freedom).max(noise * noise);
-        let misfit = prior.misfit_max * state.light * state.share;
-        let allowed = libm::hypot(noise, f64::from(misfit));
+        let residual_max = prior.residual_ratio_max * state.light * state.share;
+        let allowed = libm::hypot(noise, f64::from(residual_max));
         let excess = |squares: f64| (libm::sqrt(squares.max(0.0) / freedom) / allowed) as f32;
         let left = excess(normal.squares);
         let stuck = left > GIVE_UP[3] && left > (1.0 - PROGRESS_MIN) * before;
@@ -228,7 +228,7 @@ pub fn fit_shape(
                 light: state.light,
                 contrast,
                 residual: libm::sqrt(left) as f32 * block_px as f32,
-                explained: (shown / (shown + left)) as f32,
+                r_squared: (shown / (shown + left)) as f32,
                 n,
                 block_px,
                 covariance,
@@ -327,7 +327,7 @@ mod tests {
         noise: 0.3,
         blur_ln_sigma: 0.35,
         plate_ln_sigma: 0.1,
-        misfit_max: 0.04,
+        residual_ratio_max: 0.04,
     };
 
     fn near(pose: &Pose) -> Pose {
@@ -368,7 +368,7 @@ mod tests {
                 "{plate_px}: {}",
                 fit.pose.blur_px
             );
-            assert!(fit.explained > 0.99, "{plate_px}: {}", fit.explained);
+            assert!(fit.r_squared > 0.99, "{plate_px}: {}", fit.r_squared);
             assert!((fit.light - 200.0).abs() < 2.0 && (fit.contrast - 160.0).abs() < 3.0);
             assert!(
                 fit.residual < 4.0 * fit.block_px as f32,

@@ -6,7 +6,7 @@
 //!    changes from frame to frame;
 //! 2. [`median`] removes the noise of single pixels;
 //! 3. [`light`] measures how bright the light is, [`difference`] compares a frame with the floor in it, in units of noise;
-//! 4. [`classes`] tells objects from shadows and from floor, [`texture`] judges where the difference alone cannot;
+//! 4. [`labels`] tells objects from shadows and from floor, [`texture`] judges where the difference alone cannot;
 //! 5. [`morphology`] removes specks from the mask and closes its gaps;
 //! 6. [`contour`] finds the shapes of the mask and walks around them;
 //! 7. [`split`] divides the pixels of one shape into light and dark;
@@ -28,11 +28,11 @@
 extern crate std;
 
 pub mod background;
-pub mod classes;
 pub mod contour;
 pub mod difference;
 pub mod fit;
 pub mod isoline;
+pub mod labels;
 pub mod light;
 pub mod median;
 pub mod morphology;

@@ -17,7 +17,7 @@ const BINS_PER_UNIT: u32 = 256;
 const BINS: usize = 8 * BINS_PER_UNIT as usize + 1;
 
 /// Fewest pixels that make a median.
-const PIXELS_LEAST: u32 = 64;
+const PIXELS_MIN: u32 = 64;
 
 /// The median ratio of a channel to the floor's, over every `stride`th pixel at which `skip` is 0. `floor` is in 256ths of a level.
 /// `None` when there are too few pixels to tell from.
@@ -51,7 +51,7 @@ pub fn channel_gain(channel: &[u8], floor: &[u16], skip: &[u8], stride: usize) -
         bins[(ratio as usize).min(BINS - 1)] += 1;
         n += 1;
     }
-    if n < PIXELS_LEAST {
+    if n < PIXELS_MIN {
         return None;
     }
     let mut below = 0;

@@ -27,7 +27,7 @@ const REACH: usize = 10;
 const STEP: usize = 2;
 
 /// Fewest pixels that tell something.
-const PIXELS_LEAST: u32 = 12;
+const PIXELS_MIN: u32 = 12;
 
 /// Ratios are in this many parts.
 const RATIO_ONE: u32 = 1024;
@@ -36,7 +36,7 @@ const RATIO_ONE: u32 = 1024;
 const STEPS: f32 = 8.0;
 
 /// Texture is expected to be seen as if noise had at least this standard deviation, two levels: compression takes fainter texture away.
-const NOISE_LEAST: f32 = 96.0;
+const NOISE_MIN: f32 = 96.0;
 
 /// What is seen of the floor's texture in one place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -177,14 +177,14 @@ pub fn visibility(
             }
         }
     }
-    if pixels < PIXELS_LEAST || floor_power == 0 {
+    if pixels < PIXELS_MIN || floor_power == 0 {
         return None;
     }
     let n = pixels as f32;
     let ratio = ratios as f32 / n / RATIO_ONE as f32;
     let (common, power, floor_power) = (common as f32, power as f32, floor_power as f32);
     // What is not explained by the floor's texture is noise.
-    let unexplained = ((power - common * common / floor_power) / n).max(NOISE_LEAST * NOISE_LEAST);
+    let unexplained = ((power - common * common / floor_power) / n).max(NOISE_MIN * NOISE_MIN);
     Some(Visibility {
         share: common / (ratio * floor_power),
         seen: common / (root(floor_power) * root(power.max(n * STEPS * STEPS))) * root(n),

@@ -6,11 +6,11 @@ use super::*;
 type Row = (u32, i32, i32, i32, i32);
 
 fn camera(rows: &[Row]) -> Controls {
-    let control = |&(id, least, most, step, value): &Row| Control {
+    let control = |&(id, min, max, step, value): &Row| Control {
         id,
         range: ControlRange {
-            least,
-            most,
+            min,
+            max,
             step,
             is_writable: true,
         },

@@ -37,8 +37,8 @@ impl Calibration {
                 .unwrap_or_default()
         };
         let place = |i: usize, axis: usize| {
-            let (least, most) = (extreme(axis, f64::min), extreme(axis, f64::max));
-            least + (most - least) * i as f64 / (PLACES - 1) as f64
+            let (min, max) = (extreme(axis, f64::min), extreme(axis, f64::max));
+            min + (max - min) * i as f64 / (PLACES - 1) as f64
         };
         // Places beyond the horizon have no position; the points have, whatever lies between them.
         let places: Vec<([f64; 2], FloorPoint)> = (0..PLACES * PLACES)
@@ -108,8 +108,8 @@ impl Calibration {
             .filter_map(|pixel| self.to_floor(pixel))
             .map(|floor| f64::from(plate_mm) / 1000.0 / floor.metres_per_px());
         widths.fold(None, |range, width| {
-            let (least, most) = range.unwrap_or((width, width));
-            Some((width.min(least), width.max(most)))
+            let (min, max) = range.unwrap_or((width, width));
+            Some((width.min(min), width.max(max)))
         })
     }
 }
@@ -169,7 +169,7 @@ mod tests {
             "{wide:?}"
         );
         let calibration = Calibration::fit(&millimetres).expect("a fit");
-        let (least, most) = calibration.plate_px(300.0, VGA).expect("on the floor");
-        assert!(0.02 < least && most < 0.05, "{least} {most}");
+        let (min, max) = calibration.plate_px(300.0, VGA).expect("on the floor");
+        assert!(0.02 < min && max < 0.05, "{min} {max}");
     }
 }

@@ -217,13 +217,13 @@ impl Canvas {
     /// Whether the picture shows just what an outline covers, drawn once or `twice`. The outline is in units of the plate's side from its
     /// centre.
     pub(super) fn shows(&self, outline: &[[f32; 2]], twice: bool) -> bool {
-        let most = if twice { COVERAGE_TWICE } else { COVERAGE };
+        let max = if twice { COVERAGE_TWICE } else { COVERAGE };
         let from_plate = |c: f32| (c + 0.5) * self.per_plate as f32 + self.margin as f32 - 0.5;
         let polygon: Vec<[f32; 2]> = outline.iter().map(|p| p.map(from_plate)).collect();
         let mut coverage = vec![0.0; self.size.area()];
         fill_polygon(&polygon, self.size, &mut coverage);
         let differs =
-            |(pixel, covered): (usize, &f32)| (self.darkness(pixel) - covered).abs() > most;
+            |(pixel, covered): (usize, &f32)| (self.darkness(pixel) - covered).abs() > max;
         let different = coverage.iter().enumerate().filter(|&c| differs(c)).count();
         (different as f32) < self.dust()
     }

@@ -225,7 +225,7 @@ impl Series {
         self.limits
             .bytes
             .zip(self.recorder.as_ref())
-            .is_some_and(|(most, recorder)| recorder.bytes_at_most(more_frames) > most)
+            .is_some_and(|(max, recorder)| recorder.bytes_at_most(more_frames) > max)
     }
 
     fn is_too_long(&self, slot: &Slot) -> bool {
@@ -233,7 +233,7 @@ impl Series {
         self.limits
             .duration_ns
             .zip(self.first_stamp_ns)
-            .is_some_and(|(most, first)| stamp_ns.saturating_sub(first) >= most)
+            .is_some_and(|(max, first)| stamp_ns.saturating_sub(first) >= max)
     }
 }
 
@@ -312,7 +312,7 @@ fn megabytes(bytes: f64) -> String {
     let megabytes = bytes / 1e6;
     let decimals = [10.0, 1.0, 0.1]
         .iter()
-        .filter(|&&least| megabytes < least)
+        .filter(|&&min| megabytes < min)
         .count();
     format!("{megabytes:.decimals$}")
 }

@@ -1,9 +1,9 @@
-//! From differences to classes of pixels: floor, shadow, object (section 2.1.1 of the paper).
+//! From differences to labels of pixels: floor, shadow, object (section 2.1.1 of the paper).
 //!
 //! As in the paper, the sum of the differences in the 3x3 window decides, and not the pixel alone: differences keep their
 //! signs, so that noise cancels and an object does not.
 //!
-//! | the window is | and | class |
+//! | the window is | and | label |
 //! | --- | --- | --- |
 //! | of another colour | | [`COLOURED`] |
 //! | brighter | of the floor's colour | [`BRIGHT`] |
@@ -13,7 +13,7 @@
 //! The light in a shadow comes from elsewhere and has another colour than the light that is missing: a difference of colour in
 //! proportion to the darkness is therefore none.
 //!
-//! A weak difference belongs to an object only near a strong one: the classes of objects come in both strengths.
+//! A weak difference belongs to an object only near a strong one: the labels of objects come in both strengths.
 //!
 //! Cost: four passes, about forty operations a pixel.
 
@@ -34,15 +34,15 @@ pub const COLOURED: u8 = 4;
 /// Added to [`BRIGHT`], [`BLACK`] and [`COLOURED`] where the difference is a strong one.
 pub const STRONG: u8 = 8;
 
-/// Where the classes end. Differences are means over the window, in units of the noise.
+/// Where the labels end. Differences are means over the window, in units of the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClassSettings {
+pub struct LabelSettings {
     /// Less than this is noise.
     pub weak: f32,
     /// An object has at least this somewhere.
     pub strong: f32,
     /// A shadow leaves at least this share of the light.
-    pub shadow_least: f32,
+    pub shadow_min: f32,
     /// What a shadow may change in colour, as a share of what it changes in lightness.
     pub shadow_tint: f32,
 }
@@ -60,7 +60,7 @@ pub struct Difference<'a> {
     pub level: &'a [u16],
 }
 
-/// Scratch of [`classes`]: three planes, which may hold anything.
+/// Scratch of [`label_pixels`]: three planes, which may hold anything.
 #[derive(Debug)]
 pub struct WindowsMut<'a> {
     /// Of lightness.
@@ -71,20 +71,20 @@ pub struct WindowsMut<'a> {
     pub blue: &'a mut [i16],
 }
 
-/// Writes the class of each pixel, and to `own` how much the pixel itself differs, in halves of the noise. Outside the picture
+/// Writes the label of each pixel, and to `own` how much the pixel itself differs, in halves of the noise. Outside the picture
 /// the border is repeated. `floor_level` is that of the [`Reference`](crate::difference::Reference).
 ///
 /// # Panics
 ///
 /// When a slice has not `size.area()` values.
-pub fn classes(
+pub fn label_pixels(
     difference: Difference<'_>,
     floor_level: &[u16],
     size: Size,
     out: &mut [u8],
     own: &mut [u8],
     windows: WindowsMut<'_>,
-    settings: &ClassSettings,
+    settings: &LabelSettings,
 ) {
     let WindowsMut { light, red, blue } = windows;
     window_sum(difference.light, size, light);
@@ -100,7 +100,7 @@ pub fn classes(
     // A pixel whose window is an object's but which is floor itself lies beside one.
     let weak_own = (settings.weak * f32::from(PARTS)).min(32767.0) as i16;
     let tint = (settings.shadow_tint.clamp(0.0, 1.0) * 256.0) as i32;
-    let least = (settings.shadow_least.clamp(0.0, 1.0) * 65535.0) as u32;
+    let min = (settings.shadow_min.clamp(0.0, 1.0) * 65535.0) as u32;
     const BLOCK: usize = 128;
     for start in (0..size.area()).step_by(BLOCK) {
         let range = start..(start + BLOCK).min(size.area());
@@ -120,21 +120,21 @@ pub fn classes(
             let darker = (-light[i]).max(0);
             let tinted = ((i32::from(darker) * tint) >> 8) as i16;
             let colour = (chroma(red[i], blue[i]) - tinted).max(0);
-            let dark = u32::from(level[i]) < (u32::from(floor_level[i]) * least) >> 16;
+            let dark = u32::from(level[i]) < (u32::from(floor_level[i]) * min) >> 16;
             let black = if dark { darker } else { 0 };
-            let most = colour.max(light[i]).max(black);
+            let max = colour.max(light[i]).max(black);
             let differs = chroma(own_red[i], own_blue[i]).max(own_light[i].saturating_abs());
             own[i] = (differs / (PARTS / 2)).min(255) as u8;
-            let class = if colour >= weak {
+            let label = if colour >= weak {
                 COLOURED
             } else if light[i] >= weak {
                 BRIGHT
             } else {
                 BLACK
             };
-            let strength = if most >= strong { STRONG } else { 0 };
-            let object = if most >= weak && differs >= weak_own {
-                class + strength
+            let strength = if max >= strong { STRONG } else { 0 };
+            let object = if max >= weak && differs >= weak_own {
+                label + strength
             } else {
                 FLOOR
             };
@@ -171,16 +171,16 @@ mod tests {
         width: 9,
         height: 9,
     };
-    const SETTINGS: ClassSettings = ClassSettings {
+    const SETTINGS: LabelSettings = LabelSettings {
         weak: 2.0,
         strong: 4.0,
-        shadow_least: 0.4,
+        shadow_min: 0.4,
         shadow_tint: 0.1,
     };
 
-    /// The class in the middle of a 5x5 square that differs by (light, red, blue) from a floor of level 6000, and of the pixel
+    /// The label in the middle of a 5x5 square that differs by (light, red, blue) from a floor of level 6000, and of the pixel
     /// next to the square.
-    fn class_of([light, red, blue]: [i16; 3], level: u16) -> (u8, u8) {
+    fn label_of([light, red, blue]: [i16; 3], level: u16) -> (u8, u8) {
         let square = |value: i16, outside: i16| {
             let mut plane = vec![outside; SIZE.area()];
             for y in 2..7 {
@@ -193,7 +193,7 @@ mod tests {
         let levels: std::vec::Vec<u16> = levels.into_iter().map(|l| l as u16).collect();
         let (mut out, mut own) = (vec![9; SIZE.area()], vec![9; SIZE.area()]);
         let scratch = || vec![99; SIZE.area()];
-        classes(
+        label_pixels(
             Difference {
                 light: &light,
                 red: &red,
@@ -215,30 +215,30 @@ mod tests {
     }
 
     #[test]
-    fn the_table_of_classes() {
+    fn the_table_of_labels() {
         let noise = PARTS;
-        assert_eq!(class_of([0, 0, 0], 6000), (FLOOR, FLOOR));
-        assert_eq!(class_of([3 * noise, 0, 0], 6600), (BRIGHT, FLOOR));
-        assert_eq!(class_of([5 * noise, 0, 0], 6900), (BRIGHT + STRONG, FLOOR));
-        assert_eq!(class_of([-30 * noise, 0, 0], 3600).0, SHADE);
-        assert_eq!(class_of([-60 * noise, 0, 0], 900), (BLACK + STRONG, SHADE));
+        assert_eq!(label_of([0, 0, 0], 6000), (FLOOR, FLOOR));
+        assert_eq!(label_of([3 * noise, 0, 0], 6600), (BRIGHT, FLOOR));
+        assert_eq!(label_of([5 * noise, 0, 0], 6900), (BRIGHT + STRONG, FLOOR));
+        assert_eq!(label_of([-30 * noise, 0, 0], 3600).0, SHADE);
+        assert_eq!(label_of([-60 * noise, 0, 0], 900), (BLACK + STRONG, SHADE));
         assert_eq!(
-            class_of([0, 5 * noise, 0], 6000),
+            label_of([0, 5 * noise, 0], 6000),
             (COLOURED + STRONG, FLOOR)
         );
-        assert_eq!(class_of([0, 0, -3 * noise], 6000), (COLOURED, FLOOR));
+        assert_eq!(label_of([0, 0, -3 * noise], 6000), (COLOURED, FLOOR));
         // Green is minus red and blue together.
         assert_eq!(
-            class_of([0, 3 * noise, 3 * noise], 6000).0,
+            label_of([0, 3 * noise, 3 * noise], 6000).0,
             COLOURED + STRONG
         );
     }
 
     #[test]
     fn a_shadow_may_be_tinted_by_its_depth() {
-        assert_eq!(class_of([-30 * PARTS, 0, 3 * PARTS], 3600).0, SHADE);
+        assert_eq!(label_of([-30 * PARTS, 0, 3 * PARTS], 3600).0, SHADE);
         assert_eq!(
-            class_of([-30 * PARTS, 0, 8 * PARTS], 3600).0,
+            label_of([-30 * PARTS, 0, 8 * PARTS], 3600).0,
             COLOURED + STRONG
         );
     }
