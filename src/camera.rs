@@ -42,6 +42,7 @@ use crate::camera::numbers::Numbers;
 pub use crate::camera::request::CameraRequest;
 use crate::camera::session::{Session, Terms};
 use crate::camera::v4l2::{Device, Ready};
+use crate::clock::monotonic_ns;
 use crate::image::frame::Frame;
 use crate::run::slot::{Next, SourceInfo};
 
@@ -128,7 +129,7 @@ impl Camera {
             numbers: Numbers::default(),
             n_frames: 0,
             faulty: 0,
-            last_frame_ns: v4l2::monotonic_ns(),
+            last_frame_ns: monotonic_ns(),
         })
     }
 
@@ -146,7 +147,7 @@ impl Camera {
     }
 
     fn start_stream(&mut self) -> Result<(), CameraError> {
-        self.last_frame_ns = v4l2::monotonic_ns();
+        self.last_frame_ns = monotonic_ns();
         match &mut self.session {
             Some(session) => session
                 .stream
@@ -232,7 +233,7 @@ impl Camera {
             Ok(None) => return Ok(false),
             Err(error) => return Err(error.to_string()),
         };
-        let now_ns = v4l2::monotonic_ns();
+        let now_ns = monotonic_ns();
         frame.sequence = self.numbers.next(filled.sequence);
         frame.stamp_ns = filled.stamp_ns.unwrap_or(now_ns);
         let is_whole = !filled.is_faulty && session.copy(&filled, &mut frame.bytes);
@@ -253,7 +254,7 @@ impl Camera {
     }
 
     fn nothing(&mut self) -> Result<Next, CameraError> {
-        let silent_ns = v4l2::monotonic_ns().saturating_sub(self.last_frame_ns);
+        let silent_ns = monotonic_ns().saturating_sub(self.last_frame_ns);
         if silent_ns < STALL.as_nanos() as u64 {
             return Ok(Next::Nothing);
         }

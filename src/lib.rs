@@ -36,6 +36,7 @@
 pub mod background;
 pub mod camera;
 pub mod cli;
+pub mod clock;
 pub mod command;
 pub mod config;
 mod detection;

@@ -8,8 +8,8 @@ use std::time::Duration;
 use crate::camera::controls::{
     Attempt, Change, ControlError, Controls, brightness_jump, refused, state_folder,
 };
-use crate::camera::v4l2;
 use crate::camera::{Camera, CameraError, Numbers};
+use crate::clock::monotonic_ns;
 use crate::image::frame::{Frame, Picture, decode};
 use crate::run::slot::Next;
 
@@ -135,7 +135,7 @@ impl Camera {
         stop: &AtomicBool,
         frame: &mut Frame,
     ) -> Result<Option<f64>, CameraError> {
-        let start_ns = v4l2::monotonic_ns();
+        let start_ns = monotonic_ns();
         let mut picture = Picture::new(self.info.size);
         let mut n = 0;
         while !stop.load(Ordering::Relaxed) {
@@ -143,7 +143,7 @@ impl Camera {
                 continue;
             }
             n += 1;
-            let is_over = v4l2::monotonic_ns() - start_ns >= time.as_nanos() as u64;
+            let is_over = monotonic_ns() - start_ns >= time.as_nanos() as u64;
             // A frame that is no picture is followed by one that is.
             if is_over && n >= n_min && decode(frame, &mut picture).is_ok() {
                 return Ok(Some(mean(&picture)));

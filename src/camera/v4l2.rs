@@ -13,13 +13,16 @@ use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::ops::Range;
-use std::os::fd::{AsRawFd, RawFd};
+use std::os::fd::{AsFd, AsRawFd, RawFd};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 use std::ptr;
 use std::time::Duration;
 
 use imgproc::Size;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
 use abi::*;
 pub(crate) use abi::{
@@ -72,17 +75,6 @@ fn call_control(
     };
     call(fd, request, &mut controls)?;
     Ok(control.value)
-}
-
-/// `CLOCK_MONOTONIC`, the clock of the kernel's time stamps.
-pub(crate) fn monotonic_ns() -> u64 {
-    let mut time = libc::timespec {
-        tv_sec: 0,
-        tv_nsec: 0,
-    };
-    // SAFETY: the kernel writes one timespec at the address, which is exclusively ours. The clock always exists.
-    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut time) };
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
 /// Who a node belongs to and what it can do.
@@ -339,22 +331,12 @@ struct Mapping {
 unsafe impl Send for Mapping {}
 
 impl Mapping {
-    fn new(fd: RawFd, buffer: &Buffer) -> io::Result<Self> {
+    fn new(file: impl AsFd, buffer: &Buffer) -> io::Result<Self> {
         let length = buffer.length as usize;
+        let (access, shared) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED);
+        let offset = u64::from(buffer.offset);
         // SAFETY: a new mapping at an address of the kernel's choice touches no memory that is in use.
-        let start = unsafe {
-            libc::mmap(
-                ptr::null_mut(),
-                length,
-                libc::PROT_READ | libc::PROT_WRITE,
-                libc::MAP_SHARED,
-                fd,
-                libc::off_t::from(buffer.offset),
-            )
-        };
-        if start == libc::MAP_FAILED {
-            return Err(io::Error::last_os_error());
-        }
+        let start = unsafe { mmap(ptr::null_mut(), length, access, shared, file, offset) }?;
         Ok(Self {
             start: start.cast(),
             length,
@@ -387,7 +369,7 @@ impl Mapping {
 impl Drop for Mapping {
     fn drop(&mut self) {
         // SAFETY: exactly this memory was mapped by `new` and is unmapped once; nothing refers to it.
-        unsafe { libc::munmap(self.start.cast(), self.length) };
+        let _ = unsafe { munmap(self.start.cast(), self.length) };
     }
 }
 
@@ -399,7 +381,7 @@ pub(crate) struct Filled {
     pub(crate) bytes_used: usize,
     /// The driver's count of frames, which wraps around.
     pub(crate) sequence: u32,
-    /// The kernel's time stamp, if it is on the clock of [`monotonic_ns`].
+    /// The kernel's time stamp, if it is on the clock of [`monotonic_ns`](crate::clock::monotonic_ns).
     pub(crate) stamp_ns: Option<u64>,
     /// The driver says that the content is damaged.
     pub(crate) is_faulty: bool,
@@ -449,7 +431,7 @@ impl Stream {
         for index in 0..buffers.count {
             let mut buffer = capture_buffer(index);
             call(stream.device.fd(), &QUERYBUF, &mut buffer).map_err(failed("VIDIOC_QUERYBUF"))?;
-            let mapping = Mapping::new(stream.device.fd(), &buffer).map_err(failed("mmap"))?;
+            let mapping = Mapping::new(&stream.device.file, &buffer).map_err(failed("mmap"))?;
             stream.mappings.push(mapping);
             stream
                 .queue(index as usize)
@@ -474,25 +456,19 @@ impl Stream {
 
     /// Waits for a buffer. A signal ends the waiting early.
     pub(crate) fn wait(&self, timeout: Duration) -> io::Result<Ready> {
-        let mut poll = libc::pollfd {
-            fd: self.device.fd(),
-            events: libc::POLLIN,
-            revents: 0,
+        let timeout = Timespec::try_from(timeout).ok();
+        let mut asked = [PollFd::new(&self.device.file, PollFlags::IN)];
+        match poll(&mut asked, timeout.as_ref()) {
+            Err(Errno::INTR) => return Ok(Ready::No),
+            result => result?,
         };
-        let timeout_ms = i32::try_from(timeout.as_millis()).unwrap_or(i32::MAX);
-        // SAFETY: the kernel reads and writes the one pollfd, which is exclusively ours.
-        let n = unsafe { libc::poll(&mut poll, 1, timeout_ms) };
-        if n < 0 {
-            let error = io::Error::last_os_error();
-            return match error.kind() {
-                io::ErrorKind::Interrupted => Ok(Ready::No),
-                _ => Err(error),
-            };
-        }
-        Ok(match poll.revents {
-            0 => Ready::No,
-            found if found & (libc::POLLERR | libc::POLLHUP | libc::POLLNVAL) != 0 => Ready::Failed,
-            _ => Ready::Buffer,
+        let found = asked[0].revents();
+        Ok(if found.is_empty() {
+            Ready::No
+        } else if found.intersects(PollFlags::ERR | PollFlags::HUP | PollFlags::NVAL) {
+            Ready::Failed
+        } else {
+            Ready::Buffer
         })
     }
 
@@ -605,13 +581,6 @@ mod tests {
     }
 
     #[test]
-    fn the_clock_advances() {
-        let first = monotonic_ns();
-        assert!(first > 0);
-        assert!(monotonic_ns() >= first);
-    }
-
-    #[test]
     fn what_is_no_camera_is_an_error() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("video0");
@@ -639,7 +608,7 @@ mod tests {
             length: 8,
             ..Buffer::default()
         };
-        let mapping = Mapping::new(file.as_raw_fd(), &buffer).expect("mapped");
+        let mapping = Mapping::new(&file, &buffer).expect("mapped");
         let mut out = b"x".to_vec();
         mapping.append_to(2..5, &mut out);
         mapping.append_to(7..8, &mut out);
@@ -656,7 +625,7 @@ mod tests {
             length: 8,
             ..Buffer::default()
         };
-        let mapping = Mapping::new(file.as_raw_fd(), &buffer).expect("mapped");
+        let mapping = Mapping::new(&file, &buffer).expect("mapped");
         mapping.append_to(2..9, &mut Vec::new());
     }
 }

@@ -31,6 +31,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::prelude::{LogLevel, PortFactory, ServiceName, ipc_threadsafe, set_log_level};
 use scene::{SERVICE_SUFFIX, Scene};
 
+use crate::clock::monotonic_ns;
 use crate::output::shared_memory::place::{Kind, Place};
 use crate::output::shared_memory::ports::{Ports, denied};
 use crate::output::shared_memory::presence::Found;
@@ -306,13 +307,6 @@ fn open_patiently(
         }
         return Ports::open(place, name);
     }
-}
-
-/// `CLOCK_MONOTONIC`, the clock of the cameras' time stamps, which all processes of this machine share.
-#[must_use]
-pub fn monotonic_ns() -> u64 {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
 /// The name under which `name` is known to iceoryx2.

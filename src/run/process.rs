@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
+use crate::clock::monotonic_ns;
 use crate::image::frame::DecodeError;
 use crate::output::json;
 use crate::output::lines::Lines;
-use crate::output::shared_memory::{Publisher, monotonic_ns};
+use crate::output::shared_memory::Publisher;
 use crate::pipeline::Outcome;
 use crate::run::counters::Counters;
 use crate::run::frame_counts::FrameCounts;

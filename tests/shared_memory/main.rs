@@ -16,9 +16,10 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use overcam::clock::monotonic_ns;
 use overcam::command::watch::{WatchError, watch};
 use overcam::output::json;
-use overcam::output::shared_memory::{PublishError, Publisher, SUBSCRIBER_BUFFER, monotonic_ns};
+use overcam::output::shared_memory::{PublishError, Publisher, SUBSCRIBER_BUFFER};
 use scene::{
     CLOCK_MONOTONIC, ForecastPoint, HAS_HEADING, KIND_MARKER, OBSERVED, SERVICE_SUFFIX, Scene,
 };

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use scene::{FRAME_FLOOR, KIND_MARKER, LIGHT_CHANGED, LIGHT_DARK, Object, SOURCE_WAITING, Scene};
 use signal_hook::consts::SIGCONT;
 
-use crate::output::shared_memory::monotonic_ns;
+use crate::clock::monotonic_ns;
 use crate::run::status::counted;
 
 const DRAW_PERIOD: Duration = Duration::from_millis(200);

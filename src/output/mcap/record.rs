@@ -29,10 +29,10 @@ use mcap::records::Metadata;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions};
 use nalgebra::{Matrix3, RowVector3};
-use rustix::time::{ClockId, clock_gettime};
 use scene::{FRAME_FLOOR, FRAME_IMAGE};
 
 use crate::background::model::BackgroundModel;
+use crate::clock::monotonic_ns;
 use crate::output::foxglove::annotate;
 use crate::output::foxglove::image_message::{ImageEncoder, ImageError, ImageMode, ImageSchema};
 use crate::output::foxglove::topics::{ResultTopic, timestamp};
@@ -571,8 +571,7 @@ fn inverse(rows: [[f64; 3]; 3]) -> Option<Matrix3<f64>> {
 
 /// Wall clock less monotonic clock.
 fn wall_offset_ns() -> u64 {
-    let monotonic = clock_gettime(ClockId::Monotonic);
-    let monotonic = Duration::new(monotonic.tv_sec as u64, monotonic.tv_nsec as u32);
+    let monotonic = Duration::from_nanos(monotonic_ns());
     let wall = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or(monotonic);
