@@ -39,7 +39,8 @@ pub(crate) mod threads;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{channel, sync_channel};
+use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
+use std::thread::JoinHandle;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -57,6 +58,7 @@ use crate::run::pace::Pace;
 use crate::run::process::{Damage, ProcessStage, Sink};
 use crate::run::record::{FloorRequest, Recording, record};
 use crate::run::setup::Setup;
+use crate::run::slot::Slot;
 use crate::run::status::{Status, counted, log};
 use crate::run::threads::{joined, spawn};
 use crate::source::Source;
@@ -140,27 +142,7 @@ pub fn run(
         counters,
         thread: capture,
     } = Feed::start(source, orders, stop, say.clone())?;
-    let (sink, recording) = match recorder {
-        None => (Sink::Free(to_capture), None),
-        Some(recorder) => {
-            let (to_record, queue) = sync_channel(RECORD_QUEUE);
-            let back = to_capture.clone();
-            let request = Arc::new(FloorRequest::none());
-            let thread = spawn("record", {
-                let request = Arc::clone(&request);
-                move || record(recorder, &queue, &back, &request, &say)
-            })?;
-            (
-                Sink::Recorder {
-                    to_record,
-                    to_capture,
-                    wait: !info.live,
-                    request,
-                },
-                Some(thread),
-            )
-        }
-    };
+    let (sink, recording) = sink(recorder, to_capture, info.live, say)?;
     let frame = setup.frame();
     let lines = args.json.then(|| Lines::start(out, !info.live));
     let mut stage = ProcessStage {
@@ -213,6 +195,31 @@ pub fn run(
         recorded,
         processed.and(captured.map_err(Into::into)),
     )
+}
+
+/// Where processed slots go: to the record thread, which is started here, or back to capture.
+fn sink(
+    recorder: Option<Series>,
+    to_capture: SyncSender<Slot>,
+    live: bool,
+    say: Sender<String>,
+) -> anyhow::Result<(Sink, Option<JoinHandle<Recording>>)> {
+    let Some(recorder) = recorder else {
+        return Ok((Sink::Free(to_capture), None));
+    };
+    let (to_record, queue) = sync_channel(RECORD_QUEUE);
+    let request = Arc::new(FloorRequest::none());
+    let thread = spawn("record", {
+        let (back, request) = (to_capture.clone(), Arc::clone(&request));
+        move || record(recorder, &queue, &back, &request, &say)
+    })?;
+    let sink = Sink::Recorder {
+        to_record,
+        to_capture,
+        wait: !live,
+        request,
+    };
+    Ok((sink, Some(thread)))
 }
 
 /// Checks the books, says what they hold, and decides how the run ended.
