@@ -8,8 +8,8 @@
 //!
 //! # From a frame to a scene
 //!
-//! [`pipeline`] is where to begin: [`Pipeline::process`](pipeline::Pipeline::process) turns one frame into one scene. It joins, in this
-//! order,
+//! [`pipeline`] is where to begin: [`Pipeline::process`](pipeline::Pipeline::process) turns one frame into one scene. It joins a
+//! `view`, which is one camera, and the `world`, which is the tracks of everything that is seen. In this order they use
 //!
 //! * [`image`]: the bytes of a frame and what they decode to; JPEG and PNG;
 //! * [`background`]: what the empty floor looks like, how it is learned, and how it is kept true;
@@ -25,7 +25,8 @@
 //! * [`source`]: where frames come from: a camera, files, recordings, and the demo floor with exact truth;
 //! * [`output`]: where results go: lines of JSON, shared memory, MCAP files of Foxglove messages;
 //! * [`run`]: the threads, the slots that travel between them, the counts of the frames, and what a person reads meanwhile;
-//! * [`cli`] defines the arguments, [`command`] has a file for each subcommand.
+//! * [`cli`] defines the arguments, [`config`] reads them from a file, [`command`] has a file for each subcommand;
+//! * [`clock`]: the clock of all time stamps.
 //!
 //! # What is deliberately absent
 //!
