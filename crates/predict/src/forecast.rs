@@ -57,8 +57,6 @@ const GRADIENT_STEP: GradientStep = GradientStep {
     rate: 0.015,
     max_norm: 1.0,
 };
-/// Part of the way back to the start weights per training step.
-const START_PULL: f32 = 2e-4;
 
 /// The learning state of one track.
 #[derive(Debug, Clone)]
@@ -94,17 +92,13 @@ impl Forecaster {
         };
         let horizons = Horizons::new(settings.frame_period_s);
         let before = history.samples().iter().rev().nth(1);
-        let (network, learns, mut n_steps) = (&mut self.network, self.learns, 0.0);
+        let (network, learns) = (&mut self.network, self.learns);
         self.scores
             .compare(newest, before, &horizons, |comparison| {
                 if learns {
                     train(network, comparison);
-                    n_steps += 1.0;
                 }
             });
-        if n_steps > 0.0 {
-            network.pull_back(n_steps * START_PULL);
-        }
     }
 
     /// Computes the forecast from the newest sample, which has the given covariance and lies within

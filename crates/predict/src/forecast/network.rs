@@ -49,8 +49,6 @@ impl Activations {
     };
 }
 
-static START: Network = Network::START;
-
 impl Network {
     /// The start weights.
     pub const START: Self = Self {
@@ -88,13 +86,6 @@ impl Network {
         add_products(second, -rate, &activations.hidden, by_outputs);
         if !length.is_finite() {
             *self = Self::START;
-        }
-    }
-
-    /// Moves the weights part of the way back to the start weights.
-    pub(crate) fn pull_back(&mut self, part: f32) {
-        for (weight, start) in self.weights.iter_mut().zip(&START.weights) {
-            *weight -= part * (*weight - start);
         }
     }
 
@@ -274,7 +265,7 @@ mod tests {
                 max_norm,
             };
             network.train(&inputs, &activations, &by_outputs, step);
-            let change: Vec<f32> = (network.weights.iter().zip(&START.weights))
+            let change: Vec<f32> = (network.weights.iter().zip(&Network::START.weights))
                 .map(|(now, start)| now - start)
                 .collect();
             let expected = 1e-3 * length.min(max_norm);
@@ -284,22 +275,6 @@ mod tests {
                 "{change} {expected}"
             );
             assert!(loss(&network.forward(&inputs), &target).0 < before);
-        }
-    }
-
-    #[test]
-    fn pull_back_converges_to_the_start_weights() {
-        let mut network = Network::START;
-        for weight in &mut network.weights {
-            *weight += 0.5;
-        }
-        for _ in 0..2000 {
-            let activations = network.forward(&inputs(3));
-            network.train(&inputs(3), &activations, &[0.0; OUTPUTS], GRADIENT_STEP);
-            network.pull_back(0.01);
-        }
-        for (weight, start) in network.weights.iter().zip(&START.weights) {
-            assert!((weight - start).abs() < 1e-4);
         }
     }
 
