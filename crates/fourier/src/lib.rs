@@ -2,7 +2,7 @@
 //!
 //! A closed contour is resampled to [`N`] points at equal distances along it ([`resample`](contour::resample)), taken as
 //! complex numbers and transformed ([`fft`](fft::fft)). [`describe`](descriptor::describe) divides position, size,
-//! orientation and start point out of the spectrum; [`best_match`](matching::best_match) compares what is left with
+//! orientation and start point out of the spectrum; [`compare`](matching::compare) compares what is left with
 //! references and gives the orientation that the comparison settles.
 //!
 //! # Conventions

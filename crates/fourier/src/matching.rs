@@ -23,27 +23,10 @@ const FIT_ROUNDS: usize = 2;
 /// How a descriptor compares with one reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// Index of the reference.
-    pub reference: usize,
     /// Mean square distance of the contours' points, in units of the square of the size.
     pub distance: f32,
     /// Orientation of the contour minus that of the reference, in radians, within (-π, π].
     pub turn_rad: f32,
-}
-
-/// The reference that is nearest to a descriptor, and its distance; `None` when there are no references.
-pub fn best_match<'a>(
-    descriptor: &Descriptor,
-    references: impl IntoIterator<Item = &'a Descriptor>,
-) -> Option<Match> {
-    references
-        .into_iter()
-        .enumerate()
-        .map(|(index, reference)| Match {
-            reference: index,
-            ..compare(descriptor, reference)
-        })
-        .min_by(|a, b| a.distance.total_cmp(&b.distance))
 }
 
 /// Compares a descriptor with one reference and with that reference turned by 180 degrees, and keeps the nearer one.
@@ -67,7 +50,6 @@ fn compare_one_way(descriptor: &Descriptor, reference: &Descriptor, half_turn: b
         0.0
     };
     Match {
-        reference: 0,
         distance,
         turn_rad: wrapped(descriptor.orientation_rad - reference.orientation_rad + half + turn),
     }
@@ -178,13 +160,10 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_reference_wins() {
-        let references = [triangle(), half_disc(0.0, 10.0)];
-        let found = best_match(&half_disc(1.0, 30.0), &references).expect("there are references");
-        assert_eq!(found.reference, 1);
-        assert!(found.distance < 1e-4);
-        assert!(compare(&triangle(), &references[1]).distance > 1e-2);
-        assert_eq!(best_match(&triangle(), &[]), None);
+    fn the_same_shape_is_near_and_another_is_not() {
+        let reference = half_disc(0.0, 10.0);
+        assert!(compare(&half_disc(1.0, 30.0), &reference).distance < 1e-4);
+        assert!(compare(&triangle(), &reference).distance > 1e-2);
     }
 
     proptest! {
