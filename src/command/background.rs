@@ -15,9 +15,9 @@ use crate::background::model::BackgroundModel;
 use crate::cli::{BackgroundArgs, SourceArgs};
 use crate::image::frame::{Picture, decode};
 use crate::run::capture::{Feed, Orders, joined_unless_blocked, open_source};
+use crate::run::log_camera;
 use crate::run::slot::{Slot, SourceInfo};
 use crate::run::status::{Status, counted, log};
-use crate::run::tell_camera;
 use crate::run::threads::POLL;
 
 /// Learns the floor and writes it, unless `stop` is set before. One line about it goes to `out`.
@@ -85,7 +85,7 @@ pub(crate) fn learn_view<T>(
         return Ok(None);
     }
     let info = source.info();
-    tell_camera(&source);
+    log_camera(&source);
     log(format_args!(
         "overcam: learning {what} from {} of {}",
         counted(u64::from(count), "frame"),
@@ -98,13 +98,13 @@ pub(crate) fn learn_view<T>(
         waits: false,
     };
     // Nothing is said of a camera that is not waited for.
-    let (say, _) = channel();
+    let (messages, _) = channel();
     let Feed {
         frames,
         free,
         thread,
         ..
-    } = Feed::start(source, orders, stop, say)?;
+    } = Feed::start(source, orders, stop, messages)?;
     let mut learner = Learner::new(info.size, count);
     let mut status = Status::new(info.live);
     let learned = learn(
@@ -169,7 +169,7 @@ fn learn(
             _ if skipped => {}
             Ok(()) if learner.add(&picture) => return Ok(true),
             Ok(()) => status.learning(what, learner.seen(), learner.frames()),
-            Err(error) => status.say(&format!("frame {sequence} is passed over: {error}")),
+            Err(error) => status.report(&format!("frame {sequence} is passed over: {error}")),
         }
         if stop.load(Ordering::Relaxed) {
             return Ok(false);
