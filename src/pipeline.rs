@@ -1,4 +1,4 @@
-//! One frame in, one scene out: the processing chain of the paper from image to prediction.
+//! One frame in, one scene out: the processing chain of the paper from image to forecast.
 //!
 //! A `View` finds the objects on the floor in a frame of its camera; the `World` turns them into
 //! tracks and the scene. The pipeline owns all its memory, does not allocate for a frame in a raw

@@ -9,7 +9,7 @@ use crate::segmentation::Light;
 use crate::settings::{Settings, frames_in};
 use crate::view::{Sighting, Sightings};
 
-/// Largest distance between an object at rest and its prediction, as a share of the picture width.
+/// Largest distance between an object at rest and its forecast, as a share of the picture width.
 const GATE_WIDTHS: f64 = 0.0125;
 
 /// The tracks of all objects on the floor.

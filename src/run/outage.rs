@@ -13,7 +13,7 @@ use crate::source::{Source, SourceError};
 const RETRY: Duration = Duration::from_millis(100);
 /// Delay before reporting why the camera cannot be used yet: right after plugging in, the ownership
 /// of the node is not yet set.
-const PATIENCE: Duration = Duration::from_secs(3);
+const REPORT_DELAY: Duration = Duration::from_secs(3);
 
 /// Whether a camera is lost, and what has been reported.
 #[derive(Debug)]
@@ -86,11 +86,11 @@ impl<'a> Outage<'a> {
         }
         let text = error.to_string();
         match &mut self.refusal {
-            Some((last, since, is_said)) if *last == text => {
-                if *is_said || since.elapsed() < PATIENCE {
+            Some((last, since, is_reported)) if *last == text => {
+                if *is_reported || since.elapsed() < REPORT_DELAY {
                     return;
                 }
-                *is_said = true;
+                *is_reported = true;
             }
             refusal => {
                 *refusal = Some((text, Instant::now(), false));

@@ -15,7 +15,7 @@
 //! which are only reported, because an image alone is no proof.
 //!
 //! A stream must state its frame rate. It is the only source of time stamps, and velocities and
-//! predictions from a guessed rate would be wrong without any sign of it.
+//! forecasts from a guessed rate would be wrong without any sign of it.
 //!
 //! Chroma siting (`C420jpeg`, `C420mpeg2`, `C420paldv`) is ignored: it moves colours by half a
 //! pixel.
