@@ -26,8 +26,8 @@ use crate::settings::{self, Settings};
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true)]
 #[command(
-    after_help = "The signal USR1 makes a running overcam learn the empty floor anew from the next --learn frames; it goes on with the \
-                  old one meanwhile: kill -USR1 PID\n\n\
+    after_help = "The signal USR1 makes a running overcam learn the empty floor again from the next --learn frames; the old one is \
+                  used meanwhile: kill -USR1 PID\n\n\
                   Exit status: 0 done or stopped by Ctrl-C, 1 failed, 2 wrong arguments, 3 finished but frames were \
                         lost from the recording."
 )]

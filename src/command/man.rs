@@ -47,16 +47,16 @@ const SECTIONS: [Section; 5] = [
         &[
             (
                 "INT, TERM, HUP",
-                "End the run: the frames that were taken are processed, the recording is completed, and the camera gets back the \
-                 controls that it had. A second one ends the program at once.",
+                "End the run: captured frames are processed, the recording is completed, and the original controls of the \
+                 camera are restored. A second signal ends the program immediately.",
             ),
             (
                 "USR1",
-                "Learn the empty floor anew from the next --learn frames. The old one is used meanwhile.",
+                "Learn the empty floor again from the next --learn frames. The old one is used meanwhile.",
             ),
             (
                 "TSTP, CONT",
-                "As usual. The time between them counts neither in the rate nor in the latency that the status line tells.",
+                "As usual. The time between them counts neither in the rate nor in the latency of the status line.",
             ),
         ],
     ),

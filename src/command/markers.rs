@@ -92,7 +92,7 @@ fn design_new(
     }
     if designed.len() < count {
         bail!(
-            "markers: only {} shapes were found that can be told apart; ask for fewer, or try another --seed",
+            "markers: only {} sufficiently different shapes were found; ask for fewer, or try another --seed",
             designed.len()
         );
     }

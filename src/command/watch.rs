@@ -295,7 +295,7 @@ impl Progress {
         self.heard = Instant::now();
         if !connection.is_current() {
             self.report(format_args!(
-                "service `{}` was removed from shared memory: looking for it anew",
+                "service `{}` was removed from shared memory: looking for it again",
                 self.service
             ));
             return Found::Nothing;

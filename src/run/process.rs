@@ -258,7 +258,7 @@ impl ProcessStage<'_> {
         if self.relearning && !pipeline.is_learning() {
             self.relearning = false;
             self.status.report(&format!(
-                "the empty floor was learned anew; it is used from frame {sequence} on"
+                "the empty floor was learned again; it is used from frame {sequence} on"
             ));
         }
         if !self.relearn.swap(false, Ordering::Relaxed) {
@@ -266,13 +266,13 @@ impl ProcessStage<'_> {
         }
         if pipeline.is_learning() {
             self.status
-                .report("the empty floor is being learned already; that goes on");
+                .report("the empty floor is already being learned; learning continues");
             return;
         }
         pipeline.relearn();
         self.relearning = true;
         self.status.report(&format!(
-            "learning the empty floor anew from the {} after frame {sequence}; the old one is used meanwhile",
+            "learning the empty floor again from the {} after frame {sequence}; the old one is used meanwhile",
             counted(u64::from(self.setup.settings.learn), "frame")
         ));
     }

@@ -209,8 +209,8 @@ impl Pictures {
             if exceeds && !self.reported_excess {
                 self.reported_excess = true;
                 log(format_args!(
-                    "overcam: {}: it has more bits a sample than the pictures by which their number was told; what is brighter \
-                     than they can be is taken as white",
+                    "overcam: {}: it uses more bits per sample than the pictures from which their number was determined; brighter \
+                     values become white",
                     path.display()
                 ));
             }
