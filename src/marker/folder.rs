@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_decoded_is_said() {
+    fn what_cannot_be_decoded_is_reported() {
         let large = gzip(&vec![b' '; BYTES_MAX as usize + 1]);
         let cut = gzip(ARROW.as_bytes());
         for (bytes, reason) in [

@@ -110,9 +110,9 @@ pub fn design(
     others: &[MarkerFile],
 ) -> Result<Vec<MarkerFile>, FamilyError> {
     let mut family = Family::from_files(others)?;
-    let mut taken = Vec::new();
+    let mut selected = Vec::new();
     for file in others {
-        taken.extend(Shape::new(read_drawing(&file.name, &file.svg)?));
+        selected.extend(Shape::new(read_drawing(&file.name, &file.svg)?));
     }
     let mut random = seed;
     let mut shapes: Vec<Shape> = (0..count * TRIED_FOR_EACH)
@@ -127,7 +127,7 @@ pub fn design(
     let mut chosen = Vec::new();
     while chosen.len() < count {
         let nearest = |shape: &Shape| {
-            let to_others = taken.iter().map(|other| shape.distance(other));
+            let to_others = selected.iter().map(|other| shape.distance(other));
             to_others.fold(shape.to_half_turn(), f32::min)
         };
         let farthest = shapes
@@ -152,7 +152,7 @@ pub fn design(
             name: format!("shape{:02}", chosen.len() + 1),
             svg: svg_of(&shape.drawing.outline),
         });
-        taken.push(shape);
+        selected.push(shape);
     }
     Ok(chosen)
 }

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_traced_is_said() {
+    fn what_cannot_be_traced_is_reported() {
         let small = trace(&view("arrow", 30.0, 0.0), "new").expect_err("too small");
         assert!(matches!(small, TraceError::TooSmall { side_px } if (side_px - 30.0).abs() < 2.0));
         assert_eq!(trace(&Picture::new(SIZE), "new"), Err(TraceError::NoPlate));

@@ -301,10 +301,10 @@ mod tests {
         assert_eq!(blamed(&points), Suspects::OneOfFive(2, 4));
         let mut points = clicked(&SIX[..5], 3e-4);
         points[4].pixel[1] += 30.0;
-        let said = blamed(&points).to_string();
+        let message = blamed(&points).to_string();
         assert!(
-            said.contains(" or point ") && said.contains("a sixth"),
-            "{said}"
+            message.contains(" or point ") && said.contains("a sixth"),
+            "{message}"
         );
     }
 }

@@ -424,9 +424,9 @@ impl<'a> Bits<'a> {
         if self.n_bits < 32 {
             self.fill();
         }
-        let taken = (self.buffer >> (64 - n)) as u32;
+        let bits = (self.buffer >> (64 - n)) as u32;
         self.skip(n);
-        taken
+        bits
     }
 
     fn ran_out(&self) -> bool {

@@ -128,7 +128,7 @@ fn a_shape_that_is_cut_out_is_exact() {
 
 /// Each is rejected, and the message says what to change.
 #[test]
-fn what_changes_the_picture_and_is_not_read_is_named() {
+fn unsupported_content_that_changes_the_picture_is_rejected() {
     for (content, reason) in [
         (
             r#"<path fill-opacity="0.08" d="M50 9L80 50H20Z"/>"#,
