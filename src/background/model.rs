@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_floor_of_an_older_version_is_told_by_its_noise() {
+    fn a_floor_of_an_older_version_is_recognised_by_its_noise() {
         let alpha: Vec<u8> = (0..SIZE.area()).map(|i| 240 + (i % 5) as u8).collect();
         let floor = read(&with_alpha(&alpha, None)).expect("an old floor");
         assert_eq!(floor.picture, picture());

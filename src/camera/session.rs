@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_of_two_moments_are_told_from_whole_ones() {
+    fn interlaced_frames_are_distinguished_from_progressive_ones() {
         let is_refused: Vec<bool> = (0..11).map(|field| fields(field).is_some()).collect();
         assert_eq!(is_refused[..2], [false, false]);
         assert!(is_refused[2..10].iter().all(|&refused| refused));

@@ -243,7 +243,7 @@ impl Publisher {
         }
         self.retry = (now_ns + wait_ns, (2 * wait_ns).min(RETRY_MAX_NS));
         if let Some(ports) = &mut self.ports {
-            ports.connect_anew();
+            ports.reconnect();
             self.place.admit();
         }
     }

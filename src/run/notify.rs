@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn systemd_is_told_at_a_path_and_at_an_abstract_name() {
+    fn systemd_is_notified_at_a_path_and_at_an_abstract_name() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("notify");
         let name = format!("overcam-test-{}", std::process::id());
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_told_where_nobody_listens() {
+    fn nothing_is_sent_without_a_listener() {
         assert!(connect("/no/such/socket".into()).is_err());
         let mut notify = Notify::default();
         notify.started();

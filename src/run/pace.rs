@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_machine_is_told_what_to_try_once_a_minute() {
+    fn advice_for_a_slow_machine_is_given_once_a_minute() {
         let start = Instant::now();
         let mut pace = Pace::new(FULL_HD, start);
         let totals = Totals {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_busy_machine_is_not_told_to_use_a_smaller_size() {
+    fn no_smaller_size_is_suggested_for_a_busy_machine() {
         let start = Instant::now();
         let mut pace = Pace::new(FULL_HD, start);
         (0..200).for_each(|_| pace.processed(Duration::from_millis(5)));

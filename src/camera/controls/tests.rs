@@ -256,7 +256,7 @@ fn values_that_the_camera_does_not_have_are_refused() {
 }
 
 #[test]
-fn refusals_are_told_with_the_reason() {
+fn refusals_are_reported_with_the_reason() {
     let camera = camera(&WEBCAM);
     let off = camera.to_switch_off(&LOCK);
     // The exposure is switched off, the white balance refuses, and the focus only pretends to

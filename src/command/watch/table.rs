@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_gives_no_frames_is_told_first() {
+    fn a_camera_without_frames_is_reported_first() {
         let mut scene = scene(0);
         (scene.source, scene.frame_age_s) = (SOURCE_WAITING, 12.4);
         assert_eq!(

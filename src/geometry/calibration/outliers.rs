@@ -303,7 +303,7 @@ mod tests {
         points[4].pixel[1] += 30.0;
         let message = blamed(&points).to_string();
         assert!(
-            message.contains(" or point ") && said.contains("a sixth"),
+            message.contains(" or point ") && message.contains("a sixth"),
             "{message}"
         );
     }

@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_no_mcap_is_told_from_one_that_was_cut() {
+    fn a_non_mcap_file_is_distinguished_from_a_truncated_one() {
         let first = |content: &[u8]| Records::new(content, Chunks::Unpacked).next().err();
         assert!(matches!(
             first(b"RIFF....AVI "),

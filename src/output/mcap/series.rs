@@ -346,7 +346,7 @@ mod tests {
     use imgproc::Size;
 
     #[test]
-    fn the_size_of_a_recording_is_told_from_its_frames() {
+    fn the_size_of_a_recording_is_estimated_from_its_frames() {
         let info = |format, rate_hz| SourceInfo {
             name: "camera".to_owned(),
             size: Size {

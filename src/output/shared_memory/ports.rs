@@ -125,7 +125,7 @@ impl Ports {
 
     /// Makes iceoryx2 retry all subscribers to which it could not connect when they joined: it
     /// connects when a subscriber joins or leaves, and a notifier connects when it is created.
-    pub(super) fn connect_anew(&mut self) {
+    pub(super) fn reconnect(&mut self) {
         self.notifier = None;
         self.notifier = self.event.notifier_builder().create().ok();
         if let Ok(_one_that_comes) = self.service.subscriber_builder().buffer_size(1).create() {
