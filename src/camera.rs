@@ -1,20 +1,24 @@
-//! A V4L2 camera as a source: whether it really gave what it was asked for, and which of its buffers are frames.
+//! A V4L2 camera as a source: verifies the settings it accepted, and which of its buffers are valid
+//! frames.
 //!
-//! What it is asked for when the user leaves that open: `negotiation` has the rule. A wish must be met exactly, except for the rate, of which
-//! [`Camera::info`] says what the camera has chosen. Interlaced frames are refused: what moves is torn in them.
+//! `negotiation` has the rule for settings that the user does not specify. A request must be met
+//! exactly, except for the rate; [`Camera::info`] returns the rate that the camera has chosen.
+//! Interlaced frames are rejected: moving objects are torn in them.
 //!
-//! A buffer that is flagged as damaged, too short or no whole JPEG picture is skipped and counted. Frames that the driver had
-//! no buffer for are found by gaps in its count. Padding at the end of rows is removed. A frame's moment is the kernel's stamp,
-//! or the moment at which the buffer is taken if the driver's stamps are not on the monotonic clock.
+//! A buffer that is flagged as damaged, too short or not a complete JPEG image is skipped and
+//! counted. Frames for which the driver had no buffer are detected by gaps in its count. Padding at
+//! the end of rows is removed. The time of a frame is the kernel's stamp, or the time of dequeuing
+//! if the driver's stamps are not on the monotonic clock.
 //!
-//! Exposure, gain, white balance and focus are locked at the start: [`controls`] says how and why.
+//! Exposure, gain, white balance and focus are locked at the start; for how and why, see
+//! [`controls`].
 //!
-//! A camera that was unplugged, or whose driver stalled, is the same one when it is back ([`Camera::resume`]): same size, format, rate and
-//! controls, numbers of frames that go on.
+//! After an unplug or a driver stall, the same camera is reopened ([`Camera::resume`]) with the
+//! same size, format, rate and controls, and frame numbers continue.
 //!
 //! # Deliberately absent
 //!
-//! Multi-planar capture, which only camera interfaces of embedded boards have.
+//! Multi-planar capture, which only the camera interfaces of embedded boards use.
 
 pub mod controls;
 pub mod devices;
@@ -49,53 +53,57 @@ use crate::run::slot::{Next, SourceInfo};
 pub(crate) use crate::camera::error::open_error;
 pub(crate) use crate::camera::identity::stable_names;
 
-/// How long one call of [`Camera::next`] waits for a frame.
+/// Timeout of one call of [`Camera::next`].
 const WAIT: Duration = Duration::from_millis(100);
-/// A camera that delivers nothing for so long has stalled. The slowest start seen is about two seconds.
+/// A camera that delivers nothing for this long has stalled. The slowest start observed is about
+/// two seconds.
 const STALL: Duration = Duration::from_secs(5);
 
-/// What a camera delivered that did not become a frame.
+/// Counts of frames that were not delivered.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Frames that the driver had no buffer for, or that were lost on the way to it.
+    /// Frames for which the driver had no buffer, or that were lost on the way to it.
     pub lost_by_driver: u64,
     /// Buffers that were damaged or too short.
     pub faulty: u64,
 }
 
-/// A camera and what was agreed on with it. It captures once it is started. Dropping it stops it and puts its controls back; a
-/// camera that is gone is not waited for.
+/// A camera with negotiated settings. It captures after it is started. Dropping it stops it and
+/// restores its controls; it does not wait for a camera that is gone.
 #[derive(Debug)]
 pub struct Camera {
     identity: Identity,
-    /// None while it is lost.
+    /// `None` while the camera is lost.
     session: Option<Session>,
     terms: Terms,
     info: SourceInfo,
     notes: Vec<String>,
     control_request: ControlRequest,
-    /// As they stood when they were locked.
+    /// State of the controls when they were locked.
     locked: Controls,
-    /// Controls that are to be put back.
+    /// Controls to restore.
     written: Written,
     numbers: Numbers,
     n_frames: u64,
     faulty: u64,
-    /// When the last frame came, or the start.
+    /// Time of the last frame, or of the start.
     last_frame_ns: u64,
 }
 
 impl Camera {
-    /// Opens a node such as `/dev/video0`, agrees on format, size and rate, and keeps other programs from capturing.
+    /// Opens a node such as `/dev/video0`, negotiates format, size and rate, and prevents other
+    /// programs from capturing.
     ///
     /// # Errors
     ///
-    /// [`CameraError`] when the node is no camera, cannot be used now or does not offer what is wished.
+    /// [`CameraError`] if the node is not a camera, is not available now or does not offer what was
+    /// requested.
     pub fn open(path: &Path, request: &CameraRequest) -> Result<Self, CameraError> {
         let device = Device::open(path).map_err(|source| open_error(path, source))?;
         let card = check_capture(&device, path)?;
         let name = format!("{} ({})", path.display(), card.name);
-        // Asked again when the camera runs; what cannot be had is refused before anything else happens.
+        // Checked again when the camera runs; impossible requests are rejected before anything else
+        // happens.
         if let Err(reason) = Controls::read(&device).by_hand(&request.controls) {
             return Err(CameraError::Control { path: name, reason });
         }
@@ -133,14 +141,15 @@ impl Camera {
         })
     }
 
-    /// Starts capturing and locks the controls; if automatics are on, they get a second of frames before, which is thrown
-    /// away. Returns early when `stop` is set. Whoever starts takes the frames at once: what a camera delivers while nobody
-    /// does is old or lost.
+    /// Starts capturing and locks the controls. If automatics are on, they first run for a second,
+    /// and those frames are discarded. Returns early if `stop` is set. The caller must consume
+    /// frames immediately: otherwise they are outdated or lost.
     ///
     /// # Errors
     ///
-    /// [`CameraError::Busy`] or [`CameraError::Call`] when the camera cannot start, [`CameraError::Control`] when it refuses a
-    /// value that was given by hand, and those of [`Camera::next`].
+    /// [`CameraError::Busy`] or [`CameraError::Call`] if the camera cannot start,
+    /// [`CameraError::Control`] if it rejects a value given by the user, and those of
+    /// [`Camera::next`].
     pub fn start(&mut self, stop: &AtomicBool) -> Result<(), CameraError> {
         self.start_stream()?;
         self.lock(stop)
@@ -157,15 +166,16 @@ impl Camera {
         }
     }
 
-    /// Tries once to open a lost camera again, wherever it is now, as it was: same format, size, rate and controls. Frames come from the
-    /// next call of [`Camera::next`] on; their numbers go on.
+    /// Makes one attempt to reopen a lost camera, at any node, with its previous format, size, rate
+    /// and controls. Frames arrive from the next call of [`Camera::next`] on; their numbers
+    /// continue.
     ///
     /// # Errors
     ///
-    /// [`CameraError::Missing`] while it is not there, and whatever else keeps it from being used as before. The next try may
-    /// succeed.
+    /// [`CameraError::Missing`] while it is not there, and any other error that prevents its use.
+    /// The next attempt may succeed.
     pub fn resume(&mut self) -> Result<(), CameraError> {
-        // Closed before it is opened: a driver gives a camera to one at a time.
+        // Closed before it is opened again: a driver grants a camera to one user at a time.
         self.session = None;
         let (device, path) = self.identity.find()?;
         let session = Session::new(device, &self.info.name, &path, &self.terms)?;
@@ -179,20 +189,21 @@ impl Camera {
         started
     }
 
-    /// What was agreed on. The rate is the one that the camera states, whatever was wished. What became of the controls is
-    /// known once the camera is started.
+    /// The negotiated settings. The rate is the one stated by the camera, not the requested one.
+    /// The state of the controls is known after the start.
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         self.info.clone()
     }
 
-    /// What a person should know of what the camera gives instead of what was asked for, a line each.
+    /// Notes for the user on differences between the camera's mode and the requested one, one per
+    /// line.
     #[must_use]
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// What did not become a frame so far.
+    /// Counts of frames not delivered so far.
     #[must_use]
     pub fn counters(&self) -> Counters {
         Counters {
@@ -201,12 +212,13 @@ impl Camera {
         }
     }
 
-    /// Waits up to 100 ms for a frame. A frame's sequence number counts lost and damaged ones too.
+    /// Waits up to 100 ms for a frame. Its sequence number also counts lost and damaged frames.
     ///
     /// # Errors
     ///
-    /// [`CameraError::Lost`] when the camera was unplugged, its driver fails, or nothing usable has come for five seconds. It delivers
-    /// nothing afterwards, unless [`Camera::resume`] succeeds.
+    /// [`CameraError::Lost`] if the camera was unplugged, its driver fails, or no usable frame has
+    /// arrived for five seconds. It delivers nothing afterwards, unless [`Camera::resume`]
+    /// succeeds.
     pub fn next(&mut self, frame: &mut Frame) -> Result<Next, CameraError> {
         match self.try_next(frame) {
             Ok(true) => Ok(Next::Frame),
@@ -218,7 +230,7 @@ impl Camera {
         }
     }
 
-    /// Whether a frame came; an error is why no more will come.
+    /// Returns whether a frame arrived; an error is the reason why no more will arrive.
     fn try_next(&mut self, frame: &mut Frame) -> Result<bool, String> {
         let Some(session) = &mut self.session else {
             return Err("it was not opened again".to_owned());
@@ -288,7 +300,7 @@ impl Drop for Camera {
     }
 }
 
-/// What a node with these capabilities does instead of capturing video, if it does not.
+/// What a node with these capabilities does instead of capturing video; `None` if it captures.
 pub(crate) fn not_capturing(capabilities: u32) -> Option<&'static str> {
     if capabilities & v4l2::CAP_CAPTURE != 0 {
         return (capabilities & v4l2::CAP_STREAMING == 0).then_some("cannot stream");
@@ -303,7 +315,7 @@ pub(crate) fn not_capturing(capabilities: u32) -> Option<&'static str> {
     })
 }
 
-/// Who the device belongs to, if it captures video.
+/// The card of the device, if it captures video.
 fn check_capture(device: &Device, path: &Path) -> Result<v4l2::Card, CameraError> {
     let path = path.display();
     let (name, what) = match device.card() {
@@ -311,13 +323,13 @@ fn check_capture(device: &Device, path: &Path) -> Result<v4l2::Card, CameraError
             None => return Ok(card),
             Some(what) => (format!("{path} ({})", card.name), what),
         },
-        // The kernel's answer of anything that has nothing to do with video.
+        // The kernel's answer for devices other than video.
         Err(_) => (path.to_string(), "is no video device"),
     };
     Err(CameraError::NotACamera { path: name, what })
 }
 
-/// The nodes `video0`, `video1` and so on of a folder, in the order of their numbers.
+/// The nodes `video0`, `video1` and so on of a folder, in numerical order.
 pub(crate) fn nodes(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut nodes: Vec<(u32, PathBuf)> = entries

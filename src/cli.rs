@@ -20,36 +20,39 @@ use crate::settings::{self, Settings};
 
 /// One camera on the ceiling becomes a positioning service for everything on the floor.
 ///
-/// Without arguments, a built-in demo runs; no camera is needed. Robots and targets with a printed marker get a pose,
-/// everything else is an obstacle with an outline, and everything that moves gets a forecast.
+/// Without arguments, a built-in demo runs; no camera is needed. Robots and targets with a printed
+/// marker get a pose, everything else is an obstacle with an outline, and everything that moves
+/// gets a forecast.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true)]
 #[command(
-    after_help = "The signal USR1 makes a running overcam learn the empty floor anew from the next --learn frames; it goes on with the \
-                  old one meanwhile: kill -USR1 PID\n\n\
+    after_help = "The signal USR1 makes a running overcam learn the empty floor again from the next --learn frames; the old one is \
+                  used meanwhile: kill -USR1 PID\n\n\
                   Exit status: 0 done or stopped by Ctrl-C, 1 failed, 2 wrong arguments, 3 finished but frames were \
                         lost from the recording."
 )]
 pub struct Cli {
-    /// What to do instead of locating.
+    /// The subcommand, if any.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// How to locate.
+    /// Arguments of a run.
     #[command(flatten)]
     pub run: RunArgs,
 }
 
-/// Everything beside the main job.
+/// All commands except the main one.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// List the cameras with their formats, sizes, rates and controls
     Devices,
-    /// Learn the empty floor and write it to a file for --background; objects may move over it meanwhile
+    /// Learn the empty floor and write it to a file for --background; objects may move over it
+    /// meanwhile
     Background(BackgroundArgs),
     /// Check marker drawings, print them, design new ones, or learn one from a view
     #[command(subcommand)]
     Markers(MarkersCommand),
-    /// Show what a running overcam publishes: a table on a terminal, otherwise JSON lines as with --json
+    /// Show what a running overcam publishes: a table on a terminal, otherwise JSON lines as with
+    /// --json
     Watch {
         /// Name of the service
         #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
@@ -64,10 +67,11 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Print a systemd unit that runs overcam with these arguments: overcam service ARGUMENTS > overcam.service
+    /// Print a systemd unit that runs overcam with these arguments: overcam service ARGUMENTS >
+    /// overcam.service
     ///
-    /// Paths are made absolute, and the stable name of the camera is used (/dev/v4l/by-id). Each start records to a new file.
-    /// The first lines of the unit say how to install it.
+    /// Paths are made absolute, and the stable name of the camera is used (/dev/v4l/by-id). Each
+    /// start records to a new file. The first lines of the unit say how to install it.
     Service(Box<RunArgs>),
     /// Repair a truncated recording: copy everything readable to a new file
     Recover {
@@ -81,18 +85,20 @@ pub enum Command {
     Man,
     /// Print a completion script for a shell
     ///
-    /// bash: overcam completions bash > ~/.local/share/bash-completion/completions/overcam. zsh: into a file _overcam of a folder in
-    /// $fpath. fish: > ~/.config/fish/completions/overcam.fish. elvish and powershell: read it in at the start.
+    /// bash: overcam completions bash > ~/.local/share/bash-completion/completions/overcam. zsh:
+    /// into a file _overcam of a folder in $fpath. fish: > ~/.config/fish/completions/overcam.fish.
+    /// elvish and powershell: read it in at the start.
     Completions {
         /// The shell
         shell: Shell,
     },
 }
 
-/// What to do with marker drawings.
+/// Commands for marker drawings.
 #[derive(Debug, Subcommand)]
 pub enum MarkersCommand {
-    /// Show the accuracy, the most similar other marker and the smallest readable size of each marker
+    /// Show the accuracy, the most similar other marker and the smallest readable size of each
+    /// marker
     ///
     /// Exits with status 1 and the reason if one cannot be used.
     Check {
@@ -119,10 +125,11 @@ pub enum MarkersCommand {
     },
     /// Make a marker drawing from a shape that was cut by hand
     ///
-    /// The dark shape lies on a light, square plate on a darker floor and points up in the picture. The larger it appears, the
-    /// better. Exits with status 1 and writes nothing if it cannot be used as a marker.
+    /// The dark shape lies on a light, square plate on a darker floor and points up in the picture.
+    /// The larger it appears, the better. Exits with status 1 and writes nothing if it cannot be
+    /// used as a marker.
     Learn {
-        /// Where frames come from.
+        /// Arguments of the source.
         #[command(flatten)]
         source: SourceArgs,
         /// The new drawing (SVG); the file name is the marker's name
@@ -151,19 +158,19 @@ pub enum MarkersCommand {
     },
 }
 
-/// Where frames come from.
+/// Arguments of the source.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Source")]
 pub struct SourceArgs {
     /// Read arguments from a TOML file, see --print-config; those given here have priority
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Camera, MCAP recording, Y4M file or pipe, - for Y4M on standard input, folder of PNG/JPEG files, or demo; detected by
-    /// content, not by name
+    /// Camera, MCAP recording, Y4M file or pipe, - for Y4M on standard input, folder of PNG/JPEG
+    /// files, or demo; detected by content, not by name
     #[arg(long, default_value = "demo", value_hint = ValueHint::AnyPath)]
     pub device: String,
-    /// Frame size of the camera or the demo, e.g. 640x480 [default for a camera: the largest up to 1920x1080 at 25 frames/s or
-    /// more]
+    /// Frame size of the camera or the demo, e.g. 640x480 [default for a camera: the largest up to
+    /// 1920x1080 at 25 frames/s or more]
     #[arg(long, value_parser = parse_size)]
     pub size: Option<Size>,
     /// Frames per second of the camera, or of a folder of pictures
@@ -172,8 +179,8 @@ pub struct SourceArgs {
     /// Pixel format of the camera: yuyv, uyvy, nv12, grey, rgb or mjpg
     #[arg(long, value_parser = parse_format)]
     pub format: Option<PixelFormat>,
-    /// Leave the camera's automatics on, except for values given here; otherwise exposure, gain, white balance and focus are
-    /// locked one second after the start
+    /// Leave the camera's automatics on, except for values given here; otherwise exposure, gain,
+    /// white balance and focus are locked one second after the start
     #[arg(long)]
     pub camera_auto: bool,
     /// Exposure time of the camera, in microseconds
@@ -191,7 +198,7 @@ pub struct SourceArgs {
 }
 
 impl SourceArgs {
-    /// What a camera is asked for.
+    /// The settings requested from a camera.
     #[must_use]
     pub fn request(&self) -> CameraRequest {
         CameraRequest {
@@ -223,13 +230,13 @@ pub struct BackgroundArgs {
     pub learn: u32,
 }
 
-/// Heading of what decides what is found.
+/// Heading of the arguments that affect detection.
 const DETECTION: &str = "Detection and tracking";
 
-/// Arguments of the main job. What is not given comes from the recording that is replayed, or is a default.
+/// Arguments of a run. Values not given come from the replayed recording or are defaults.
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// Where frames come from.
+    /// Arguments of the source.
     #[command(flatten)]
     pub source: SourceArgs,
     /// Print the settings in force as a file for --config, and exit
@@ -241,7 +248,8 @@ pub struct RunArgs {
     /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
     #[arg(long, help_heading = "Recording", value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
     pub record_jpeg: Option<u8>,
-    /// Continue in a new file (FILE-2, FILE-3, ...) before one exceeds this size, in gigabytes (10^9 bytes)
+    /// Continue in a new file (FILE-2, FILE-3, ...) before one exceeds this size, in gigabytes
+    /// (10^9 bytes)
     #[arg(long, help_heading = "Recording", value_name = "GB", requires = "record", value_parser = number(GIGABYTES))]
     pub record_max: Option<f64>,
     /// Continue in a new file (FILE-2, FILE-3, ...) after this many minutes
@@ -267,7 +275,8 @@ pub struct RunArgs {
     /// Calibration points in pixels and metres (TOML); all results are then in metres on the floor
     #[arg(long, help_heading = "Floor and markers", value_name = "FILE")]
     pub calibration: Option<PathBuf>,
-    /// Side of the printed plates in millimetres, with --calibration; anything a third smaller or larger is not a marker
+    /// Side of the printed plates in millimetres, with --calibration; anything a third smaller or
+    /// larger is not a marker
     #[arg(long, help_heading = "Floor and markers", value_name = "MM", value_parser = number(settings::PLATE_MM))]
     pub plate: Option<f32>,
     /// Name of the shared-memory services
@@ -308,14 +317,15 @@ pub struct RunArgs {
     /// Largest marker plate, in pixels [default: 400]
     #[arg(long, help_heading = DETECTION, value_name = "PX", value_parser = number(settings::PLATE_PX))]
     pub plate_max: Option<f32>,
-    /// What a marker may differ from its drawing by, besides noise: root mean square over the plate, as a share of the contrast
-    /// [default: 0.05]
+    /// What a marker may differ from its drawing by, besides noise: root mean square over the
+    /// plate, as a share of the contrast [default: 0.05]
     #[arg(long, help_heading = DETECTION, value_name = "SHARE", value_parser = number(settings::RESIDUAL))]
     pub marker_residual_max: Option<f32>,
     /// Speed of the fastest object, in widths of the picture a second [default: 0.75]
     #[arg(long, help_heading = DETECTION, value_name = "WIDTHS", value_parser = number(settings::TOP_SPEED))]
     pub top_speed: Option<f64>,
-    /// How long an object that is not seen is reported where its forecast says, in seconds [default: 0.27]
+    /// How long an object that is not seen is reported where its forecast says, in seconds
+    /// [default: 0.27]
     #[arg(long, help_heading = DETECTION, value_name = "SECONDS", value_parser = number(settings::LOST_AFTER_S))]
     pub lost_after: Option<f64>,
     /// Frames in which an object must have been seen before it is reported [default: 1]
@@ -331,7 +341,7 @@ impl RunArgs {
             .map_or(ImageMode::Lossless, |quality| ImageMode::Jpeg { quality })
     }
 
-    /// When the recording goes on in a new file.
+    /// When the recording continues in a new file.
     #[must_use]
     pub fn record_limits(&self) -> Limits {
         Limits {
@@ -340,7 +350,7 @@ impl RunArgs {
         }
     }
 
-    /// `settings`, as far as the arguments say nothing else.
+    /// `settings`, overridden by the arguments that are given.
     #[must_use]
     pub fn settings(&self, settings: Settings) -> Settings {
         Settings {
@@ -373,20 +383,20 @@ fn parse_size(text: &str) -> Result<Size, String> {
     })
 }
 
-/// Sizes and times after which a recording goes on in a new file.
+/// Sizes and times after which a recording continues in a new file.
 const GIGABYTES: RangeInclusive<f64> = 0.001..=1_000_000.0;
 const MINUTES: RangeInclusive<f64> = 0.01..=1_000_000.0;
 
 /// Frames per second.
 const RATE_HZ: RangeInclusive<f64> = 0.001..=1000.0;
 
-/// A tenth of a millisecond is the unit in which cameras take exposure times.
+/// The unit of cameras for exposure times is a tenth of a millisecond.
 const EXPOSURE_US: RangeInclusive<u32> = 1..=60_000_000;
 
-/// From candles to the sky; cameras know 2000 to 10000.
+/// From candles to the sky; cameras support 2000 to 10000.
 const WHITE_BALANCE_K: RangeInclusive<u32> = 1_000..=40_000;
 
-/// A number of a range, which is told where it is none.
+/// Parses a number in a range; errors state the range.
 fn number<T>(range: RangeInclusive<T>) -> impl Fn(&str) -> Result<T, String> + Clone
 where
     T: FromStr + PartialOrd + fmt::Display + Clone,
@@ -399,7 +409,7 @@ where
     }
 }
 
-/// A file whose name has one of these endings.
+/// A file name with one of these extensions.
 fn ending_in(endings: &'static [&'static str]) -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(move |path| {
         let found = path.extension().unwrap_or_default();
@@ -424,7 +434,7 @@ fn parse_service(text: &str) -> Result<String, String> {
     }
 }
 
-/// Arguments that are wrong together, or with the source: seen only when that is open.
+/// Arguments that conflict with each other or with the source, which is known only when it is open.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongArguments(pub String);

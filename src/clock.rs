@@ -2,7 +2,7 @@
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// `CLOCK_MONOTONIC`, nanoseconds. All processes of a machine share it.
+/// `CLOCK_MONOTONIC` in nanoseconds. All processes of a machine share it.
 #[must_use]
 pub fn monotonic_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);

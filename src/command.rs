@@ -1,4 +1,4 @@
-//! What each command does: from parsed arguments to the end of the program.
+//! Executes each command: from parsed arguments to the end of the program.
 
 pub mod background;
 mod man;
@@ -28,22 +28,22 @@ use crate::run::{Completion, run};
 use crate::settings::Settings;
 use crate::source::is_recording;
 
-/// Does what the arguments say, until it is done or a signal ends it.
+/// Executes the command given by the arguments, until it is done or a signal ends it.
 ///
 /// # Errors
 ///
-/// What kept it from being done, in one line.
+/// The reason for the failure, in one line.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<Completion> {
     let cli = &arguments.cli;
     let stop = Arc::new(AtomicBool::new(false));
     let hang_up = (!ignores(SIGHUP)).then_some(SIGHUP);
     for signal in [SIGINT, SIGTERM].into_iter().chain(hang_up) {
-        // A second Ctrl-C ends the program at once, should the first one not be heard.
+        // A second Ctrl-C ends the program immediately if the first one has no effect.
         signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
             .context("signals")?;
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("signals")?;
     }
-    // Registered for every command, lest the signal ends one to which it says nothing.
+    // Registered for every command, so that the signal does not end those that do not use it.
     let relearn = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGUSR1, Arc::clone(&relearn)).context("signals")?;
     let Some(command) = &cli.command else {
@@ -84,7 +84,7 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<Completion> {
     Ok(Completion::Done)
 }
 
-/// Prints the settings that a run with these arguments would have. A camera is not opened for it.
+/// Prints the settings that a run with these arguments would use. A camera is not opened for this.
 fn print_config(arguments: &Arguments, stop: &Arc<AtomicBool>) -> anyhow::Result<()> {
     let args = &arguments.cli.run;
     let settings = if is_recording(&args.source.device) {
@@ -111,7 +111,8 @@ fn recover_file(file: &Path, output: &Path, out: &mut impl Write) -> anyhow::Res
     .context("standard output")
 }
 
-/// Whether the program was started with a signal ignored: `nohup` does so, and wants it to stay so.
+/// Whether the program was started with a signal ignored, as `nohup` does; it must then stay
+/// ignored.
 fn ignores(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status
@@ -121,7 +122,7 @@ fn ignores(signal: i32) -> bool {
     mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
-/// A reader of standard output that has seen enough is no error.
+/// A closed pipe on standard output is not an error.
 fn unless_unread(result: io::Result<()>) -> anyhow::Result<()> {
     match result {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),

@@ -1,11 +1,13 @@
-//! `--config FILE`: arguments of the command line in a TOML file, and `--print-config`, which writes such a file.
+//! `--config FILE`: command-line arguments in a TOML file, and `--print-config`, which writes such
+//! a file.
 //!
-//! A key is the long name of an argument with `_` for `-`: `area_min = 80` is `--area-min 80`. The command line has priority over the
-//! file, the file over the settings in a recording, and those over the defaults. A relative path in the file starts at the
-//! file's folder, so that the file and what it names can be moved together.
+//! A key is the long name of an argument with `_` for `-`: `area_min = 80` is `--area-min 80`. The
+//! command line has priority over the file, the file over the settings in a recording, and those
+//! over the defaults. Relative paths in the file start at the file's folder, so that it can be
+//! moved together with the files it names.
 //!
-//! The keys, their ranges and their comments come from the definition of the arguments ([`cli`](crate::cli)): what can be given there
-//! can be given here.
+//! The keys, their ranges and their comments come from the definition of the arguments
+//! ([`cli`](crate::cli)), so both accept the same.
 
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
@@ -23,10 +25,10 @@ use toml::de::{DeTable, DeValue};
 use crate::cli::Cli;
 use crate::settings::Settings;
 
-/// Arguments that make no sense in a file.
+/// Arguments that are not allowed in a file.
 const NOT_IN_FILES: [&str; 4] = ["help", "version", "config", "print_config"];
 
-/// What a file says of its camera. With another --device on the command line, it is of no use.
+/// Arguments of the camera. Those in a file are ignored if the command line has another --device.
 const OF_THE_CAMERA: [&str; 8] = [
     "size",
     "rate",
@@ -38,32 +40,32 @@ const OF_THE_CAMERA: [&str; 8] = [
     "focus",
 ];
 
-/// Widest line of a comment that is printed.
+/// Maximum width of printed comment lines.
 const COMMENT_WIDTH: usize = 92;
 
-/// What the program was asked for.
+/// The arguments of the program.
 #[derive(Debug)]
 pub struct Arguments {
-    /// All arguments, those of the file included.
+    /// All arguments, including those of the file.
     pub cli: Cli,
-    /// The same, as they were parsed.
+    /// The same, as parse results.
     pub matches: ArgMatches,
-    /// Names of the arguments that only the file gives.
+    /// Names of the arguments that are given only in the file.
     pub from_file: BTreeSet<String>,
 }
 
-/// Why there are no arguments.
+/// Reasons why there are no arguments.
 #[derive(Debug, thiserror::Error)]
 pub enum ArgumentsError {
-    /// The command line is wrong, or asks for help.
+    /// The command line is invalid, or requests help.
     #[error(transparent)]
     CommandLine(#[from] clap::Error),
-    /// The file is wrong.
+    /// The file is invalid.
     #[error(transparent)]
     File(#[from] ConfigError),
 }
 
-/// What is wrong with a file of arguments.
+/// An error in a file of arguments.
 #[derive(Debug, thiserror::Error)]
 #[error("--config {path}: {problem}", path = path.display())]
 pub struct ConfigError {
@@ -111,7 +113,7 @@ impl Arguments {
     ///
     /// # Errors
     ///
-    /// [`ArgumentsError`] when the command line or the file is wrong, or help is asked for.
+    /// [`ArgumentsError`] if the command line or the file is invalid, or help is requested.
     pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Self, ArgumentsError> {
         let mut words: Vec<OsString> = words.into_iter().collect();
         let mut command = Cli::command();
@@ -136,12 +138,12 @@ impl Arguments {
         })
     }
 
-    /// Writes the arguments of the main job and these settings as a file for `--config`. What is as it is by default is in a
-    /// comment.
+    /// Writes the arguments of a run and these settings as a file for `--config`. Default values
+    /// are written as comments.
     ///
     /// # Errors
     ///
-    /// When `out` cannot be written.
+    /// If writing to `out` fails.
     pub fn print(&self, settings: &Settings, out: &mut impl Write) -> io::Result<()> {
         let mut command = Cli::command();
         command.build();
@@ -192,7 +194,7 @@ impl Arguments {
     }
 }
 
-/// The arguments of the main job that may stand in a file.
+/// The arguments of a run that are allowed in a file.
 fn in_files(command: &Command) -> impl Iterator<Item = &Arg> {
     command
         .get_arguments()
@@ -210,7 +212,7 @@ fn is_path(argument: &Arg) -> bool {
     argument.get_value_parser().type_id() == path.type_id()
 }
 
-/// What follows `--config`.
+/// The value of `--config`.
 fn config_path(words: &[OsString]) -> Option<&OsStr> {
     let mut words = words.iter().skip(1);
     while let Some(word) = words.next() {
@@ -227,7 +229,7 @@ fn config_path(words: &[OsString]) -> Option<&OsStr> {
     None
 }
 
-/// The command that the words ask for.
+/// The command selected by the words.
 fn innermost<'a>(command: &'a Command, words: &[OsString]) -> &'a Command {
     let mut asked = command;
     for word in words.iter().skip(1) {
@@ -239,7 +241,7 @@ fn innermost<'a>(command: &'a Command, words: &[OsString]) -> &'a Command {
     asked
 }
 
-/// What stands on the command line.
+/// The arguments on the command line.
 struct Given<'a> {
     command: &'a Command,
     names: Vec<String>,
@@ -262,7 +264,7 @@ impl<'a> Given<'a> {
         }
     }
 
-    /// Whether the command line gives this argument itself, or one that cannot be given together with it.
+    /// Whether the command line has this argument, or one that conflicts with it.
     fn excludes(&self, name: &str) -> bool {
         let is_given = |argument: &Arg| self.names.iter().any(|name| argument.get_id() == name);
         if OF_THE_CAMERA.contains(&name) && self.names.iter().any(|name| name == "device") {
@@ -287,7 +289,7 @@ impl<'a> Given<'a> {
     }
 }
 
-/// The file's arguments: the name of each, and the word that gives it on a command line.
+/// The file's arguments: the name of each, and its word on a command line.
 fn file_words(path: &Path, command: &Command) -> Result<Vec<(String, OsString)>, ConfigError> {
     let error = |problem| ConfigError {
         path: path.to_owned(),
@@ -347,7 +349,7 @@ fn file_words(path: &Path, command: &Command) -> Result<Vec<(String, OsString)>,
     Ok(words)
 }
 
-/// Why an argument's value is wrong, whatever else is given.
+/// Why an argument's value is invalid, independently of the other arguments.
 fn refusal(command: &Command, word: &OsStr) -> Option<String> {
     let words = [OsStr::new("overcam"), word];
     let error = command.clone().try_get_matches_from(words).err()?;
@@ -361,7 +363,7 @@ fn refusal(command: &Command, word: &OsStr) -> Option<String> {
     }
 }
 
-/// The key that is most like a wrong one, if any is.
+/// The key most similar to an unknown one, if there is one.
 fn nearest(wrong: &str, command: &Command) -> Option<String> {
     let wrong = wrong.to_lowercase().replace('-', "_");
     in_files(command)
@@ -372,12 +374,12 @@ fn nearest(wrong: &str, command: &Command) -> Option<String> {
         .map(|(_, key)| key.to_owned())
 }
 
-/// Settings by the names of their arguments.
+/// Settings keyed by the names of their arguments.
 fn settings_by_name(settings: &Settings) -> toml::Table {
     toml::Table::try_from(settings).unwrap_or_default()
 }
 
-/// A value as it stands in a file: a number as one, everything else in quotation marks.
+/// A value in TOML: numbers unchanged, everything else in quotation marks.
 fn as_toml(value: &OsStr) -> String {
     let text = value.to_string_lossy();
     let is_number = format!("x = {text}")
@@ -390,13 +392,13 @@ fn as_toml(value: &OsStr) -> String {
     }
 }
 
-/// What stands in a comment for a value that has no default.
+/// Placeholder in a comment for an argument without a default.
 fn stand_in(argument: &Arg) -> String {
     let names = argument.get_value_names().unwrap_or_default();
     format!("<{}>", names.first().map_or("VALUE", |name| name.as_str()))
 }
 
-/// Text in lines of at most `width` characters, broken between words.
+/// Wraps text to lines of at most `width` characters, at word boundaries.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -415,7 +417,7 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
 mod tests {
     use super::*;
 
-    /// Arguments of a command line with a file `lab.toml` of this text; `LAB` stands for its path.
+    /// Parses a command line with a file `lab.toml` of this text; `LAB` stands for its path.
     fn parse(text: &str, words: &[&str]) -> Result<Arguments, ArgumentsError> {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("lab.toml");
@@ -577,7 +579,7 @@ mod tests {
         }
         let again = parse(&first, &["--config", "LAB"]).expect("it is right");
         assert_eq!(printed(&again), first);
-        // Everything that stands in a comment is what would be read from it.
+        // The values in comments are valid and equal the defaults.
         let uncommented: String = first
             .lines()
             .filter(|line| !line.contains('<') && line.contains(" = "))

@@ -1,4 +1,5 @@
-//! From shapes to detections: every shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3 of the paper).
+//! From shapes to detections: each shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3
+//! of the paper).
 
 use fourier::contour::{Region, region};
 use imgproc::contour::fill_contour;
@@ -12,53 +13,54 @@ use crate::marker::optics::BlurEstimate;
 use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::segmentation::shapes::{Shape, Shapes, longest_contour};
 
-/// Most detections of one frame.
+/// Maximum number of detections per frame.
 pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;
 
-/// Variance of an obstacle's centre in either axis. Contours go in steps of a pixel; the errors of neighbouring steps are too
-/// much alike to average out, so that of one step is taken (1/12), and twice that for the shadow's edge.
+/// Variance of an obstacle's centre along each axis. Contours go in steps of a pixel. The errors of
+/// neighbouring steps are too strongly correlated to average out, so the variance of one step is
+/// used (1/12), and twice that for the edge of the shadow.
 const OBSTACLE_VARIANCE_PX2: f64 = 0.25;
 
-/// A marker beside a shape is none of the shape's: so much of its plate, a share, must lie in the shape's contour. The figure
-/// of a marker alone covers more.
+/// A marker next to a shape does not belong to it: at least this share of its plate must lie inside
+/// the shape's contour. The marker figure alone covers more.
 const COVERED_MIN: f32 = 0.02;
 
-/// Two plates are one if their centres are closer than this share of their side.
+/// Two plates are the same if their centres are closer than this share of their side.
 const SAME_PLACE: f64 = 0.25;
 
-/// Shapes that cover a plate equally well, but for this share of it, both lie around it.
+/// If the shares of a plate that two shapes cover differ by less than this, both surround it.
 const COVERED_ALIKE: f32 = 0.1;
 
-/// What is looked at around a shape: this share of its width, and so many pixels more.
+/// Margin searched around a shape: this share of its width plus a number of pixels.
 const MARGIN_SHARE: f32 = 0.35;
 const MARGIN_PX: u16 = 3;
 
-/// Something that stands on the floor. Image coordinates.
+/// An object on the floor, in image coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Detection {
-    /// The marker, where one was recognised.
+    /// The marker, if one was recognised.
     pub(crate) marker: Option<Recognised>,
-    /// Centre of the plate, or of the contour's area.
+    /// Centre of the plate, or centroid of the contour.
     pub(crate) centre: [f64; 2],
     /// Covariance of the centre, px².
     pub(crate) covariance: [[f64; 2]; 2],
     /// Side of the plate, or square root of the contour's area.
     pub(crate) size_px: f64,
-    /// The whole object.
+    /// Outline of the whole object.
     pub(crate) outline: Outline,
 }
 
 /// The shape of a detection.
 #[derive(Debug, Clone, Copy)]
 struct ShapeOf {
-    /// Number of the shape in the frame.
+    /// Index of the shape in the frame.
     number: usize,
     region: Region,
-    /// How much of the marker's plate lies in the shape's contour, 0 to 1.
+    /// Share of the marker's plate that lies inside the shape's contour, 0 to 1.
     covered: f32,
 }
 
-/// Memory for one frame's detections, and what is known of the camera's optics.
+/// Memory for the detections of one frame, and the estimated optics of the camera.
 #[derive(Debug)]
 pub(crate) struct Detector {
     size: Size,
@@ -68,12 +70,12 @@ pub(crate) struct Detector {
     cutout: CutoutScratch,
     optics: BlurEstimate,
     detections: Vec<Detection>,
-    /// Of each detection.
+    /// One for each detection.
     shapes: Vec<ShapeOf>,
 }
 
 impl Detector {
-    /// Memory for frames of a size.
+    /// Allocates for frames of one size.
     pub(crate) fn new(size: Size) -> Self {
         Self {
             size,
@@ -87,14 +89,14 @@ impl Detector {
         }
     }
 
-    /// Forgets what is known of the camera's optics: another floor may mean another camera.
+    /// Resets the estimated optics of the camera: a new background may mean a new camera.
     pub(crate) fn forget_blur(&mut self) {
         self.optics = BlurEstimate::new();
     }
 
-    /// One or more detections of each shape, in reading order, and how many shapes and markers found
-    /// no room. `noise` is that of a pixel, grey levels; `recognition` gives the settings for a
-    /// place in the picture.
+    /// Returns one or more detections for each shape, in reading order, and the number of shapes
+    /// and markers dropped for lack of space. `noise` is the noise of a pixel in grey levels;
+    /// `recognition` gives the settings for an image position.
     pub(crate) fn detect(
         &mut self,
         shapes: &Shapes,
@@ -120,7 +122,8 @@ impl Detector {
         (&self.detections, overflow)
     }
 
-    /// The markers of one shape, or the obstacle that it is. Returns how many found no room.
+    /// Finds the markers of one shape, or reports it as an obstacle. Returns the number dropped for
+    /// lack of space.
     fn detect_in_shape(
         &mut self,
         number: usize,
@@ -164,8 +167,8 @@ impl Detector {
         0
     }
 
-    /// Of the markers from index `known` on, which one shape gave, drops those that are not its own: what is around a shape, or in its
-    /// bay, may be another thing.
+    /// Drops those markers found for one shape, from index `known` on, that do not belong to it:
+    /// the area around a shape, or a bay of its contour, may contain another object.
     fn keep_covered(&mut self, known: usize, number: usize, region: Region, shape: Shape<'_>) {
         if self.detections.len() == known {
             return;
@@ -189,8 +192,8 @@ impl Detector {
         self.detections.truncate(kept);
     }
 
-    /// A plate that two shapes gave, one around the other, belongs to that which covers it, of two to the inner one. The other shape is an
-    /// obstacle, unless it has another plate.
+    /// Assigns a plate found for two shapes, one around the other, to the shape that covers it; if
+    /// both do, to the inner one. The other shape is an obstacle, unless it has another plate.
     fn settle_plates_of_two_shapes(&mut self) {
         let mut i = 0;
         while i < self.detections.len() {
@@ -209,7 +212,7 @@ impl Detector {
         }
     }
 
-    /// Whether a detection's plate belongs to the shape of another one.
+    /// Whether the plate of a detection belongs to another shape.
     fn is_of_another(&self, i: usize) -> bool {
         let (own, shape) = (&self.detections[i], &self.shapes[i]);
         let others = self.detections.iter().zip(&self.shapes).enumerate();
@@ -224,7 +227,8 @@ impl Detector {
             })
     }
 
-    /// Adds the markers that one attempt of a shape shows. Returns how many found no room.
+    /// Adds the markers that one attempt finds in a shape. Returns the number dropped for lack of
+    /// space.
     fn read_markers(
         &mut self,
         attempt: Attempt,
@@ -235,7 +239,7 @@ impl Detector {
         settings: &RecognitionSettings,
     ) -> u32 {
         let margin_px = match attempt.part {
-            // The contour of a figure is followed between pixels.
+            // The contour of a figure is traced with sub-pixel precision.
             Part::Shape => 1,
             Part::Around => (MARGIN_SHARE * width_px) as u16 + MARGIN_PX,
         };
@@ -294,7 +298,7 @@ fn obstacle(region: &Region, outline: Outline) -> Detection {
     }
 }
 
-/// How much of the largest circle on a plate lies in a filled contour, whose mask covers `bounds`.
+/// Share of the plate's inscribed circle that lies inside a filled contour. `mask` covers `bounds`.
 fn covered(detection: &Detection, bounds: Bounds, mask: &[u8]) -> f32 {
     let width = bounds.size().width;
     let radius = detection.size_px / 2.0;
@@ -308,7 +312,7 @@ fn covered(detection: &Detection, bounds: Bounds, mask: &[u8]) -> f32 {
     (f64::from(n_covered) / circle) as f32
 }
 
-/// One way to look for markers.
+/// One way to search for markers.
 #[derive(Debug, Clone, Copy)]
 struct Attempt {
     part: Part,
@@ -317,9 +321,10 @@ struct Attempt {
 
 #[derive(Debug, Clone, Copy)]
 enum Part {
-    /// The shape alone.
+    /// Only the shape.
     Shape,
-    /// The shape and what is around it: of a marker on a plate like the floor, the marker is all that differs.
+    /// The shape and its surroundings: if the plate has the colour of the floor, only the marker
+    /// differs from it.
     Around,
 }
 
@@ -330,7 +335,7 @@ enum Channel {
 }
 
 impl Attempt {
-    /// In the order in which they are tried.
+    /// In the order of the attempts.
     const ALL: [Self; 4] = [
         Self::new(Part::Shape, Channel::Intensity),
         Self::new(Part::Shape, Channel::Colour),

@@ -1,4 +1,4 @@
-//! Pictures: the bytes of a frame, what they decode to, and how picture files are read and written.
+//! Images: the bytes of a frame, their decoding, and reading and writing of image files.
 
 pub mod frame;
 pub mod jpeg;

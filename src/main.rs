@@ -9,7 +9,7 @@ use overcam::run::Completion;
 use overcam::run::status::{is_broken_pipe, log, one_line};
 use overcam::source::SourceError;
 
-/// The arguments contradict each other; those that cannot be read end the program with the same.
+/// The arguments contradict each other. Arguments that cannot be parsed give the same status.
 const WRONG_ARGUMENTS: u8 = 2;
 /// Finished, but frames were lost from the recording.
 const FRAMES_LOST: u8 = 3;
@@ -17,7 +17,7 @@ const FRAMES_LOST: u8 = 3;
 fn main() -> ExitCode {
     let arguments = match Arguments::parse(std::env::args_os()) {
         Ok(arguments) => arguments,
-        // Prints the error, or the help that was asked for.
+        // Prints the error, or the requested help.
         Err(ArgumentsError::CommandLine(error)) => error.exit(),
         Err(ArgumentsError::File(error)) => {
             log(format_args!("overcam: {error}"));

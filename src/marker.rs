@@ -1,12 +1,14 @@
-//! Marker families: what they look like to the camera, and which one a figure is (sections 2.2.2 and 2.2.3 of the paper).
+//! Marker families: the appearance of markers, and their recognition (sections 2.2.2 and 2.2.3 of
+//! the paper).
 //!
-//! [`read_folder`] finds the SVG files, [`name`] checks what they are called, [`drawing`] reads a marker from one; `cutout`
-//! finds the dark figures on the bright plates of a shape.
+//! [`read_folder`] finds the SVG files, [`name`] checks marker names, [`drawing`] reads a marker
+//! from a file; `cutout` finds the dark figures on the bright plates of a shape.
 //!
-//! A figure is looked up among the `reference`s by the descriptor of its contour; the `template`s of the likely ones are
-//! fitted to the pixels of the plate, and what the fit leaves decides (`recognition`). What the camera does to every plate
-//! alike, blur and noise, is learned meanwhile (`optics`). Where intensity tells nothing, `colour` may. How exact a pose can be at
-//! best says `bound`.
+//! The descriptor of a figure's contour is matched with the `reference`s. The `template`s of the
+//! best candidates are fitted to the pixels of the plate, and the residual of the fit decides
+//! (`recognition`). Blur and noise are common to all plates of a camera; `optics` estimates them
+//! meanwhile. If intensity does not separate marker and plate, `colour` may. `bound` gives the best
+//! possible accuracy of a pose.
 
 pub(crate) mod colour;
 pub(crate) mod cutout;
@@ -46,15 +48,15 @@ pub const BUILT_IN: [(&str, &str); 13] = [
     ("triangle", include_str!("../markers/triangle.svg")),
 ];
 
-/// Least elongation of a marker: below, noise turns the contour's orientation farther than a fit can start from. At 0.07, plates
-/// of 14 px are read.
+/// Minimum elongation of a marker. Below it, noise rotates the contour's orientation too far for
+/// the fit to start. At 0.07, plates of 14 px are read.
 pub const ELONGATION_MIN: f32 = 0.04;
 
-/// Least distance between two markers, and between a marker and its own half turn: mean square of the distance of their contours'
-/// points, in units of the size.
+/// Minimum distance between two markers, and between a marker and itself rotated by half a turn:
+/// mean square distance of the contour points, in units of the size.
 pub const SEPARATION_MIN: f32 = 0.012;
 
-/// A marker's file, as a recording keeps it.
+/// The file of a marker, as stored in a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MarkerFile {
     /// Name of the marker: the file's name without `.svg`.
@@ -63,7 +65,7 @@ pub struct MarkerFile {
     pub svg: String,
 }
 
-/// Why a family cannot be used.
+/// Reasons to reject a family.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FamilyError {
     /// The folder cannot be read.
@@ -71,10 +73,10 @@ pub enum FamilyError {
     Unreadable {
         /// The folder.
         folder: String,
-        /// What the system said.
+        /// Error message of the system.
         reason: String,
     },
-    /// The folder holds no drawings.
+    /// There are no drawings in the folder.
     #[error(
         "markers {folder}: no .svg file in it; copy one of the built-in markers there to start from"
     )]
@@ -82,7 +84,7 @@ pub enum FamilyError {
         /// The folder.
         folder: String,
     },
-    /// A drawing is no marker.
+    /// A drawing is not a marker.
     #[error(transparent)]
     Drawing(#[from] DrawingError),
     /// A drawing is compressed.
@@ -91,7 +93,7 @@ pub enum FamilyError {
         /// The file.
         file: String,
     },
-    /// A drawing is in no encoding that is known.
+    /// The encoding of a drawing is unknown.
     #[error("markers {file}: {reason}; save it as plain SVG in UTF-8")]
     Undecodable {
         /// The file.
@@ -113,7 +115,7 @@ pub enum FamilyError {
         /// Absolute value of F(N-1) over that of F1.
         elongation: f32,
     },
-    /// The recogniser sees no figure in the drawing.
+    /// No figure is recognised in the drawing.
     #[error(
         "marker {name}: nothing is recognised on a plate of {plate_px} pixels; make the shape larger or thicker"
     )]
@@ -123,7 +125,7 @@ pub enum FamilyError {
         /// Side of the plate.
         plate_px: f32,
     },
-    /// The shape looks like itself turned by half a turn.
+    /// The shape looks the same after half a turn.
     #[error(
         "marker {name}: turned by 180 degrees it is {distance:.4} away from itself, at least {SEPARATION_MIN} is \
          needed to tell front from back"
@@ -131,7 +133,7 @@ pub enum FamilyError {
     HalfTurn {
         /// The name.
         name: String,
-        /// Distance from the half turn.
+        /// Distance from itself after half a turn.
         distance: f32,
     },
     /// Two shapes look alike.
@@ -149,27 +151,28 @@ pub enum FamilyError {
     },
 }
 
-/// The markers that are looked for.
+/// The markers to recognise.
 #[derive(Debug, Clone)]
 pub struct Family {
     pub(crate) markers: Vec<Marker>,
 }
 
-/// One marker and what it looks like.
+/// A marker and its appearance.
 #[derive(Debug, Clone)]
 pub(crate) struct Marker {
     pub(crate) name: String,
-    /// For each of [`BLURS_PX`] those of [`PLATES_PX`] on which it can be read, in ascending order.
+    /// For each of [`BLURS_PX`], the references for those [`PLATES_PX`] on which it can be read, in
+    /// ascending order.
     references: Vec<Vec<Reference>>,
     template: Template,
 }
 
 impl Family {
-    /// Learns what drawings look like.
+    /// Learns the appearance of drawings.
     ///
     /// # Errors
     ///
-    /// [`FamilyError`] when a drawing shows no direction, or two look alike.
+    /// [`FamilyError`] if a drawing shows no direction, or two look alike.
     pub fn learn(drawings: &[Drawing]) -> Result<Self, FamilyError> {
         let markers = drawings
             .iter()
@@ -203,7 +206,7 @@ impl Family {
     ///
     /// # Errors
     ///
-    /// [`FamilyError`] when a file is no marker, or the family cannot be told apart.
+    /// [`FamilyError`] if a file is not a marker, or two markers cannot be distinguished.
     pub fn from_files(files: &[MarkerFile]) -> Result<Self, FamilyError> {
         let mut drawings = Vec::with_capacity(files.len());
         for (i, file) in files.iter().enumerate() {
@@ -214,13 +217,13 @@ impl Family {
         Self::learn(&drawings)
     }
 
-    /// Names of the markers. [`Recognised::marker`] counts in their order.
+    /// Names of the markers; [`Recognised::marker`] is an index into them.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.markers.iter().map(|marker| marker.name.as_str())
     }
 }
 
-/// From this plate on every marker must be readable at every blur.
+/// On plates of at least this size every marker must be readable at every blur.
 const CLEAR_PLATE_PX: f32 = 32.0;
 
 impl Marker {
@@ -232,7 +235,7 @@ impl Marker {
             for plate_px in PLATES_PX {
                 match Reference::learn(drawing, plate_px, blur_px) {
                     Ok(reference) => sizes.push(reference),
-                    // On a small plate, blur may take a marker's orientation or all of it.
+                    // On a small plate, blur may hide the orientation of a marker, or all of it.
                     Err(_) if plate_px < CLEAR_PLATE_PX => {}
                     Err(NoReference::Unseen) => {
                         return Err(FamilyError::Unseen {
@@ -265,7 +268,7 @@ impl Marker {
         Ok(marker)
     }
 
-    /// The descriptor that neither pixels nor blur have changed much.
+    /// The descriptor that is least affected by pixels and blur.
     pub(crate) fn clearest(&self) -> &Descriptor {
         match self.references.first().and_then(|sizes| sizes.last()) {
             Some(reference) => &reference.descriptor,
@@ -274,7 +277,7 @@ impl Marker {
     }
 }
 
-/// The built-in family's files.
+/// The files of the built-in family.
 #[must_use]
 pub fn built_in_files() -> Vec<MarkerFile> {
     BUILT_IN
@@ -411,7 +414,8 @@ mod tests {
                     };
                     let mut grey = render(drawing, size, place, blur_px);
                     for pixel in &mut grey {
-                        // Twelve uniform numbers: nearly normal, standard deviation 1.
+                        // The sum of twelve uniform numbers is nearly normal, with standard
+                        // deviation 1.
                         let noise: f32 = (0..12).map(|_| uniform() - 0.5).sum();
                         *pixel = (f32::from(*pixel) + 6.0 * noise).round().clamp(0.0, 255.0) as u8;
                     }

@@ -1,7 +1,7 @@
-//! Making and judging marker drawings: none of it is needed to read markers in a frame.
+//! Design and evaluation of marker drawings. Not needed for recognition.
 //!
-//! [`check`] says how good drawings are, with the bound of `bound`; [`design`] makes new ones, [`trace`] makes one from a view,
-//! and [`sheet`] prints them.
+//! [`check`] evaluates drawings, with the bound from `bound`; [`design`] creates new ones,
+//! [`trace`] makes one from an image, and [`sheet`] prints them.
 
 mod bound;
 pub mod check;

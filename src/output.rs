@@ -1,5 +1,5 @@
-//! Where results go: a line of JSON ([`json`], written by `lines`), shared memory ([`shared_memory`]), and MCAP files ([`mcap`]) of
-//! Foxglove messages ([`foxglove`]).
+//! Outputs: JSON lines ([`json`], written by `lines`), shared memory ([`shared_memory`]), and MCAP
+//! files ([`mcap`]) of Foxglove messages ([`foxglove`]).
 
 pub mod foxglove;
 pub mod json;

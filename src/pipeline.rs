@@ -1,8 +1,9 @@
-//! One frame in, one scene out: the chain of the paper from picture to forecast.
+//! One frame in, one scene out: the processing chain of the paper from image to forecast.
 //!
-//! A `View` finds what stands on the floor in a frame of its camera, the `World` makes tracks and the scene of it. The pipeline holds all
-//! memory it needs, allocates nothing for a frame in a raw format, looks at no clock, and gives the same scene for the same
-//! frames whatever its scratch memory held before.
+//! A `View` finds the objects on the floor in a frame of its camera; the `World` turns them into
+//! tracks and the scene. The pipeline owns all its memory, does not allocate for a frame in a raw
+//! format, uses no clock, and gives the same scenes for the same frames, whatever its scratch
+//! memory held before.
 
 use imgproc::Size;
 
@@ -16,27 +17,27 @@ use crate::settings::Settings;
 use crate::view::View;
 use crate::world::World;
 
-/// Frames per second where a source does not say.
+/// Assumed frames per second if the source does not give a rate.
 const RATE_HZ: f64 = 30.0;
 
-/// Everything between a frame and its scene.
+/// All processing between a frame and its scene.
 #[derive(Debug)]
 pub struct Pipeline {
     view: View,
     world: World,
 }
 
-/// What became of a frame.
+/// The result of processing a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// It was used to learn the empty floor; the slot's scene is untouched.
+    /// The frame was used to learn the empty floor; the slot's scene is unchanged.
     Learning,
-    /// The slot's scene is what the frame shows.
+    /// The slot's scene describes the frame.
     Scene,
 }
 
 impl Pipeline {
-    /// A pipeline for frames of one size. `rate_hz` is the rate of the frames, where it is known.
+    /// A pipeline for frames of one size. `rate_hz` is the frame rate, if known.
     #[must_use]
     pub fn new(
         size: Size,
@@ -49,7 +50,7 @@ impl Pipeline {
         let metres_per_px = calibration.as_ref().and_then(|calibration| {
             let [width, height] = [size.width as f64, size.height as f64];
             let middle = calibration.to_floor([(width - 1.0) / 2.0, (height - 1.0) / 2.0]);
-            // The middle of the picture may be beyond the horizon; the measured points are not.
+            // The image centre may be beyond the horizon; the measured points are not.
             middle
                 .map(|floor| floor.metres_per_px())
                 .or_else(|| calibration.metres_per_px())
@@ -61,49 +62,49 @@ impl Pipeline {
         }
     }
 
-    /// Looks at this part of the frames only, or at all of them again.
+    /// Restricts detection to a region of the frames, or removes the restriction.
     ///
     /// # Panics
     ///
-    /// When the region has another size than the frames.
+    /// If the size of the region differs from that of the frames.
     pub fn set_region(&mut self, region: Option<Region>) {
         self.view.set_region(region);
     }
 
-    /// Learns the empty floor anew from the next [`Settings::learn`] frames. The old one is used meanwhile; the new one applies from the frame
-    /// after them on. Where one is being learned already, that one goes on.
+    /// Learns the empty floor again from the next [`Settings::learn`] frames. The old background
+    /// stays in use until the frame after them. If learning is already in progress, it continues.
     pub fn relearn(&mut self) {
         self.view.relearn();
     }
 
-    /// Whether a floor is being learned that is not in use yet.
+    /// Whether a background is being learned that is not yet in use.
     #[must_use]
     pub fn is_learning(&self) -> bool {
         self.view.is_learning()
     }
 
-    /// While frames are collected to learn a floor: how many there are so far, and how many are needed.
+    /// While learning: the number of frames collected so far and the number needed.
     #[must_use]
     pub fn learning_progress(&self) -> Option<(u32, u32)> {
         self.view.learning_progress()
     }
 
-    /// The floor that is in use, up to date; `None` before one is known. Takes memory.
+    /// The current background, with all updates; `None` before there is one. Allocates.
     #[must_use]
     pub fn floor(&self) -> Option<BackgroundModel> {
         self.view.floor()
     }
 
-    /// Processes the slot's frame. A background in the slot replaces the one in use; one that was learned is put into the slot
-    /// of the first frame that it is used for.
+    /// Processes the slot's frame. A background in the slot replaces the current one. A learned
+    /// background is put into the slot of the first frame for which it is used.
     ///
     /// # Errors
     ///
-    /// [`DecodeError`] when the frame's bytes are no picture; the tracks are left as they were.
+    /// [`DecodeError`] if the frame cannot be decoded; the tracks are unchanged.
     ///
     /// # Panics
     ///
-    /// When the background has another size than the frames.
+    /// If the size of the background differs from that of the frames.
     pub fn process(&mut self, slot: &mut Slot) -> Result<Outcome, DecodeError> {
         if self.view.take(&slot.frame, &mut slot.background)? {
             self.world.forget_floor();

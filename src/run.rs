@@ -1,4 +1,4 @@
-//! The main job: three threads and the slots that travel between them.
+//! The main command: three threads and the slots passed between them.
 //!
 //! ```text
 //!            free slots (16)
@@ -12,15 +12,16 @@
 //!                                     (thread, with --json)
 //! ```
 //!
-//! A slot is owned by one thread at a time and moves by value; nothing is shared but counters. From a live camera, process takes the
-//! newest frame and passes the others over, capture drops a frame for which no slot is free, and neither waits for the
-//! recorder: a frame that finds its queue full is lost from the recording. From a file or the demo nobody is in a hurry: every frame
-//! is processed and, where asked for, recorded.
+//! A slot is owned by one thread at a time and moves by value; only counters are shared. With a
+//! live camera, process takes the newest frame and skips the others, capture drops a frame if no
+//! slot is free, and neither waits for the recorder: if its queue is full, a frame is lost from the
+//! recording. With a file or the demo, every frame is processed and, on request, recorded.
 //!
-//! A reader of standard output that stops reading holds up nothing at a camera: lines are left out, counted and said. For all
-//! other sources it is waited for, until a stop.
+//! With a camera, a reader of standard output that stops reading does not block the run: lines are
+//! dropped, counted and reported. With all other sources the run waits for the reader, until a
+//! stop.
 //!
-//! A shortage is counted where it happens, and the [books](FrameCounts) are checked at the end.
+//! Losses are counted where they occur, and the [counts](FrameCounts) are checked at the end.
 
 pub(crate) mod capture;
 pub(crate) mod counters;
@@ -63,20 +64,21 @@ use crate::run::status::{Status, counted, log};
 use crate::run::threads::{joined, spawn};
 use crate::source::Source;
 
-/// Frames that may wait for the recorder.
+/// Maximum number of frames waiting for the recorder.
 const RECORD_QUEUE: usize = 8;
 
 /// How a run ended, apart from errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Completion {
-    /// Everything that was asked for is done.
+    /// Everything requested is done.
     Done,
     /// Done, but frames are missing from the recording.
     FramesLost,
 }
 
-/// Says what a camera gives instead of what was asked for, and what became of its controls when it was started.
-pub(crate) fn tell_camera(source: &Source) {
+/// Logs how a camera's mode differs from the requested one, and the state of its controls after the
+/// start.
+pub(crate) fn log_camera(source: &Source) {
     for note in source.notes() {
         log(format_args!("overcam: camera: {note}"));
     }
@@ -86,14 +88,14 @@ pub(crate) fn tell_camera(source: &Source) {
     }
 }
 
-/// Locates until the source ends, `stop` is set, or as many frames as asked for are done. When `relearn` is set, it is taken back and
-/// the empty floor is learned anew. Scenes go to `out` as JSON, if
-/// asked for; all else that a person reads goes to standard error.
+/// Runs until the source ends, `stop` is set, or the requested number of frames is done. If
+/// `relearn` is set, it is cleared and the empty floor is learned again. Scenes go to `out` as
+/// JSON, on request; all messages for the user go to standard error.
 ///
 /// # Errors
 ///
-/// What kept the run from starting, or the source from going on, in one line. Frames taken before are processed and
-/// recorded.
+/// The reason in one line why the run could not start or the source failed. Frames captured before
+/// are processed and recorded.
 pub fn run(
     args: &RunArgs,
     stop: &Arc<AtomicBool>,
@@ -109,7 +111,7 @@ pub fn run(
     } else {
         Some(Publisher::open_for(&args.service, args.group.as_deref())?)
     };
-    // After all that takes time, lest the first frames are old.
+    // After everything that takes time, so that the first frames are recent.
     source.start(stop)?;
     if stop.load(Ordering::Relaxed) {
         return Ok(Completion::Done);
@@ -128,9 +130,9 @@ pub fn run(
     if let Some(remark) = publisher.as_ref().and_then(Publisher::remark) {
         log(format_args!("overcam: {remark}"));
     }
-    tell_camera(&source);
+    log_camera(&source);
 
-    let (say, said) = channel();
+    let (message_sender, messages) = channel();
     let orders = Orders {
         live: info.live,
         limit: args.frames.unwrap_or(u64::MAX),
@@ -141,8 +143,8 @@ pub fn run(
         free: to_capture,
         counters,
         thread: capture,
-    } = Feed::start(source, orders, stop, say.clone())?;
-    let (sink, recording) = sink(recorder, to_capture, info.live, say)?;
+    } = Feed::start(source, orders, stop, message_sender.clone())?;
+    let (sink, recording) = sink(recorder, to_capture, info.live, message_sender)?;
     let frame = setup.frame();
     let lines = args.json.then(|| Lines::start(out, !info.live));
     let mut stage = ProcessStage {
@@ -151,7 +153,7 @@ pub fn run(
         publisher,
         sink,
         status: Status::new(info.live),
-        said: &said,
+        messages: &messages,
         notify: Notify::from_environment(),
         relearn,
         relearning: false,
@@ -173,12 +175,12 @@ pub fn run(
     }
     let (counts, capture_ended) = (stage.counts, stage.capture_ended);
     let n_damaged = stage.damage.count;
-    // The recorder ends with the last slot that is sent to it.
+    // The recorder ends after the last slot sent to it.
     drop((frames, stage));
     let recorded = recording
         .map(|thread| joined(thread, "record"))
         .transpose()?;
-    for message in said.try_iter() {
+    for message in messages.try_iter() {
         log(format_args!("overcam: {message}"));
     }
     let captured = if capture_ended {
@@ -197,12 +199,12 @@ pub fn run(
     )
 }
 
-/// Where processed slots go: to the record thread, which is started here, or back to capture.
+/// Destination of processed slots: the record thread, which is started here, or back to capture.
 fn sink(
     recorder: Option<Series>,
     to_capture: SyncSender<Slot>,
     live: bool,
-    say: Sender<String>,
+    messages: Sender<String>,
 ) -> anyhow::Result<(Sink, Option<JoinHandle<Recording>>)> {
     let Some(recorder) = recorder else {
         return Ok((Sink::Free(to_capture), None));
@@ -211,7 +213,7 @@ fn sink(
     let request = Arc::new(FloorRequest::none());
     let thread = spawn("record", {
         let (back, request) = (to_capture.clone(), Arc::clone(&request));
-        move || record(recorder, &queue, &back, &request, &say)
+        move || record(recorder, &queue, &back, &request, &messages)
     })?;
     let sink = Sink::Recorder {
         to_record,
@@ -222,7 +224,7 @@ fn sink(
     Ok((sink, Some(thread)))
 }
 
-/// Checks the books, says what they hold, and decides how the run ended.
+/// Checks and reports the counts, and determines how the run ended.
 fn finish(
     mut counts: FrameCounts,
     counters: &Counters,
@@ -231,7 +233,7 @@ fn finish(
 ) -> anyhow::Result<Completion> {
     let mut report = String::new();
     if let Some(recording) = &recording {
-        // Frames handed to the recorder that did not get into the file.
+        // Frames passed to the recorder that did not get into the file.
         let lost = counts.recorded.saturating_sub(recording.summary.frames);
         counts.recorded -= lost;
         counts.unrecorded += lost;
@@ -281,7 +283,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn books_balance_only_when_every_frame_is_somewhere() {
+    fn counts_balance_only_when_every_frame_is_somewhere() {
         let counts = FrameCounts {
             captured: 10,
             dropped: 1,
@@ -308,9 +310,9 @@ mod tests {
     }
 
     #[test]
-    fn a_capture_thread_that_is_left_behind_does_not_upset_the_books() {
+    fn a_capture_thread_that_is_left_behind_does_not_upset_the_counts() {
         let counters = Counters::default();
-        // It has just taken a frame that nobody will receive.
+        // The thread has just captured a frame that is never received.
         counters.captured.store(8, Ordering::Release);
         let counts = FrameCounts {
             processed: 5,

@@ -1,8 +1,10 @@
-//! From a picture to the mask of everything that stands on the floor (section 2.1.1 of the paper).
+//! From an image to the mask of all objects on the floor (section 2.1.1 of the paper).
 //!
-//! Median, difference from the empty floor, threshold on the 3x3 sum, opening, closing, as in the paper; then the shapes are
-//! looked at one by one: too small, too thin or too faint ones are none, and neither are the places that an object has left. The
-//! floor is kept true meanwhile ([`update`](crate::background::update)), the light is measured ([`illumination`](crate::background::illumination)).
+//! As in the paper: median, difference from the background, threshold on the 3x3 sum, opening,
+//! closing. Then each shape is checked: those that are too small, too thin or too faint are
+//! dropped, and so are ghosts, the places that an object has left. Meanwhile the background is kept
+//! up to date ([`update`](crate::background::update)) and the illumination is estimated
+//! ([`illumination`](crate::background::illumination)).
 
 mod mask;
 pub(crate) mod shapes;
@@ -27,42 +29,44 @@ use mask::make_mask;
 use shapes::{Found, Shapes};
 use texture::{Evidence, TextureJudge};
 
-/// Pixels around objects that do not tell how the floor looks: an object blurs, and lights up what is beside it.
+/// Pixels this close to an object are not used to update the background: an object is blurred and
+/// casts light on its surroundings.
 const MARGIN_PX: usize = 3;
 
-/// How far an object may have moved since the frame before, in pixels, while nothing new counts.
+/// Maximum movement of an object between two frames, in pixels, while new objects are ignored.
 const KNOWN_WITHIN_PX: u16 = 10;
 
-/// A floor that was in one light for this long is remembered when the light changes.
+/// After this time under constant illumination, the background is remembered when the illumination
+/// changes.
 const STEADY_S: f64 = 1.0;
 
-/// What decides what an object is.
+/// Thresholds for objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SegmentationSettings {
-    /// Least difference that an object has somewhere, mean over a 3x3 window, in units of the noise.
+    /// Minimum peak difference of an object: mean over a 3x3 window, in units of the noise.
     pub(crate) threshold: f32,
-    /// Least share of the light that a shadow leaves.
+    /// Minimum share of the light that remains in a shadow.
     pub(crate) shadow_min: f32,
-    /// Smallest shape, px².
+    /// Minimum area of a shape, px².
     pub(crate) area_min: usize,
 }
 
-/// Pixels outside of an object are floor where they differ by less than this share of the threshold.
+/// Pixels outside of objects are floor if they differ by less than this share of the threshold.
 const WEAK: f32 = 0.5;
 
-/// What a shadow may change in colour, as a share of what it changes in lightness.
+/// Maximum change of colour in a shadow, as a share of its change of lightness.
 const SHADOW_TINT: f32 = 0.07;
 
-/// Share of an object's area that is clearly inside, and not faint.
+/// Minimum share of an object's area that is clearly interior and not faint.
 const CORE_SHARE_MIN: f32 = 0.05;
 
-/// Finds objects before one floor. All memory is taken when it is made.
+/// Finds objects in front of a background. Allocates only when it is created.
 #[derive(Debug)]
 pub(crate) struct Segmenter {
     size: Size,
     denoised: Picture,
-    upkeep: BackgroundUpdate,
-    lighting: Illumination,
+    update: BackgroundUpdate,
+    illumination: Illumination,
     ghosts: Ghosts,
     textures: TextureJudge,
     planes: Planes,
@@ -70,34 +74,34 @@ pub(crate) struct Segmenter {
     own: Vec<u8>,
     mask: Vec<u8>,
     scratch: Vec<u8>,
-    /// The mask of the frame before.
+    /// The mask of the previous frame.
     previous: Vec<u8>,
-    /// The mask of the last frame before the light changed.
+    /// The mask of the last frame before the illumination changed.
     before: Vec<u8>,
-    /// Frames in a row without a change of the light.
+    /// Consecutive frames without a change of illumination.
     steady: u32,
     /// See [`STEADY_S`].
     steady_min: u32,
     rate_hz: f64,
-    /// Everything in the frame before that was no floor, and what is beside it.
+    /// All pixels of the previous frame that were not floor, with a margin.
     covered: Vec<u8>,
     shapes: Shapes,
 }
 
-/// What a picture shows.
+/// Result of the segmentation of one image.
 #[derive(Debug)]
 pub(crate) struct Segmented<'a> {
-    /// Everything that stands on the floor, within the region.
+    /// All objects on the floor, within the region.
     pub(crate) shapes: &'a Shapes,
-    /// What the light does.
+    /// State of the illumination.
     pub(crate) light: Light,
-    /// How bright the frame is, over the floor.
+    /// Brightness of the frame relative to the background.
     pub(crate) gains: Gains,
-    /// Standard deviation of a pixel's brightness, grey levels; 0 in the dark.
+    /// Standard deviation of the brightness of a pixel, grey levels; 0 in the dark.
     pub(crate) noise: f32,
 }
 
-/// Differences and their windows.
+/// Differences and their window means.
 #[derive(Debug)]
 struct Planes {
     light: Vec<i16>,
@@ -110,11 +114,11 @@ struct Planes {
 }
 
 impl Segmenter {
-    /// A segmenter for one floor and for this many frames a second.
+    /// A segmenter for a background and a frame rate.
     ///
     /// # Panics
     ///
-    /// When the planes of the picture do not have its size.
+    /// If the planes of the picture do not match its size.
     pub(crate) fn new(floor: &BackgroundModel, rate_hz: f64) -> Self {
         let size = floor.picture.size;
         let bytes = || vec![0u8; size.area()];
@@ -123,8 +127,8 @@ impl Segmenter {
         Self {
             size,
             denoised: Picture::new(size),
-            upkeep: BackgroundUpdate::new(floor),
-            lighting: Illumination::new(rate_hz),
+            update: BackgroundUpdate::new(floor),
+            illumination: Illumination::new(rate_hz),
             ghosts: Ghosts::new(rate_hz),
             textures: TextureJudge::new(size),
             planes: Planes {
@@ -150,14 +154,14 @@ impl Segmenter {
         }
     }
 
-    /// Compares with another floor from now on, in the light of its picture.
+    /// Replaces the background; the illumination is that of its picture.
     ///
     /// # Panics
     ///
-    /// When it has another size.
+    /// If its size differs.
     pub(crate) fn set_background(&mut self, floor: &BackgroundModel) {
-        self.upkeep.set(floor);
-        self.lighting = Illumination::new(self.rate_hz);
+        self.update.set(floor);
+        self.illumination = Illumination::new(self.rate_hz);
         self.ghosts = Ghosts::new(self.rate_hz);
         self.previous.fill(0);
         self.before.fill(0);
@@ -165,16 +169,16 @@ impl Segmenter {
         self.covered.fill(0);
     }
 
-    /// The floor as it was kept true so far.
+    /// The background with all updates so far.
     pub(crate) fn floor(&self) -> BackgroundModel {
-        self.upkeep.floor()
+        self.update.floor()
     }
 
-    /// What stands in a picture, cut at the border of the region.
+    /// The objects in a picture, clipped to the region.
     ///
     /// # Panics
     ///
-    /// When the picture or the region has another size than the floor.
+    /// If the size of the picture or of the region differs from that of the background.
     pub(crate) fn segment(
         &mut self,
         picture: &Picture,
@@ -182,10 +186,10 @@ impl Segmenter {
         settings: &SegmentationSettings,
     ) -> Segmented<'_> {
         denoise(picture, &mut self.denoised);
-        let light = self
-            .lighting
-            .observe(&self.denoised, self.upkeep.channels(), &self.covered);
-        let gains = self.lighting.gains;
+        let light =
+            self.illumination
+                .observe(&self.denoised, self.update.channels(), &self.covered);
+        let gains = self.illumination.gains;
         if light == Light::Dark {
             self.shapes.clear();
             return Segmented {
@@ -196,11 +200,11 @@ impl Segmenter {
             };
         }
         let light = self.follow_light(light);
-        let gains = self.lighting.gains;
+        let gains = self.illumination.gains;
         self.write_labels(gains, settings);
         let evidence = Evidence {
             level: &self.planes.level,
-            floor_level: self.upkeep.reference().level,
+            floor_level: self.update.reference().level,
             own: &self.own,
             previous: &self.previous,
             strong: (2.0 * settings.threshold) as u8,
@@ -220,9 +224,9 @@ impl Segmenter {
             self.cut_at(region, settings);
         }
         if light == Light::Steady {
-            self.upkeep.follow(&self.denoised, gains, &self.covered);
+            self.update.follow(&self.denoised, gains, &self.covered);
         }
-        let [red, green, blue] = self.upkeep.channels();
+        let [red, green, blue] = self.update.channels();
         let noise = frame_noise(
             [&picture.red, &picture.green, &picture.blue],
             [red, green, blue],
@@ -237,7 +241,7 @@ impl Segmenter {
         }
     }
 
-    /// Brings the floor into the light of the frame, if that has just changed.
+    /// Adapts the background to the illumination of the frame if it has just changed.
     fn follow_light(&mut self, mut light: Light) -> Light {
         let Light::Changed { frames_left } = light else {
             self.steady = match light {
@@ -246,24 +250,25 @@ impl Segmenter {
             };
             return light;
         };
-        if frames_left + 1 == self.lighting.settle_frames {
-            // The light has been this way before, or what covered half of the picture is gone.
-            if self.upkeep.recall(&self.denoised, &self.covered) {
-                let floor = self.upkeep.channels();
+        if frames_left + 1 == self.illumination.settle_frames {
+            // The illumination has returned to an earlier state, or what covered half of the
+            // picture is gone.
+            if self.update.recall(&self.denoised, &self.covered) {
+                let floor = self.update.channels();
                 light = self
-                    .lighting
+                    .illumination
                     .return_to(&self.denoised, floor, &self.covered);
             } else if self.steady >= self.steady_min {
-                self.upkeep.remember();
+                self.update.remember();
             }
             if self.steady > 0 {
                 self.before.copy_from_slice(&self.previous);
             }
         }
         self.steady = 0;
-        if frames_left.is_multiple_of(4) || frames_left + 1 == self.lighting.settle_frames {
-            let gains = self.lighting.gains;
-            self.upkeep.relight(&self.denoised, gains, &self.before);
+        if frames_left.is_multiple_of(4) || frames_left + 1 == self.illumination.settle_frames {
+            let gains = self.illumination.gains;
+            self.update.relight(&self.denoised, gains, &self.before);
         }
         light
     }
@@ -279,7 +284,7 @@ impl Segmenter {
             red_window,
             blue_window,
         } = &mut self.planes;
-        let reference = self.upkeep.reference();
+        let reference = self.update.reference();
         let out = DifferenceMut {
             light,
             red,
@@ -287,7 +292,7 @@ impl Segmenter {
             level,
         };
         difference(colour(&self.denoised), gains, reference, self.size, out);
-        // In dim light the frame is magnified, and its noise with it.
+        // In dim light the frame is amplified, and its noise with it.
         let dimmest = gains.red.min(gains.green).min(gains.blue).min(1.0);
         let strong = settings.threshold / dimmest;
         label_pixels(
@@ -315,7 +320,7 @@ impl Segmenter {
         );
     }
 
-    /// Keeps the shapes that are objects, and takes all others out of the mask.
+    /// Keeps the shapes that are objects and removes all others from the mask.
     fn choose_shapes(&mut self, light: Light, settings: &SegmentationSettings) {
         self.scratch.copy_from_slice(&self.mask);
         let mut search = self.shapes.search();
@@ -329,7 +334,7 @@ impl Segmenter {
         self.ghosts.end_frame();
     }
 
-    /// Whether a shape is an object. What is floor in spite of its difference is learned as floor.
+    /// Whether a shape is an object. Floor that merely differs is learned as background.
     fn is_object(&mut self, found: &Found, light: Light, settings: &SegmentationSettings) -> bool {
         let removed = found.removed;
         let cores_min = (removed.area as f32 * CORE_SHARE_MIN).max(1.0) as usize;
@@ -341,7 +346,7 @@ impl Segmenter {
         };
         let size = self.size;
         let ghost = light == Light::Steady
-            && looks_left(contour, &self.denoised, self.upkeep.channels(), size)
+            && looks_left(contour, &self.denoised, self.update.channels(), size)
             && self.ghosts.sighted(removed.bounds);
         let new = match light {
             Light::Changed { .. } => ![&self.previous, &self.before]
@@ -356,15 +361,15 @@ impl Segmenter {
                 size,
                 [&mut self.covered, &mut self.own],
                 |bounds, shape| {
-                    self.upkeep
-                        .take(&self.denoised, self.lighting.gains, bounds, shape);
+                    self.update
+                        .take(&self.denoised, self.illumination.gains, bounds, shape);
                 },
             );
         }
         !ghost && !new
     }
 
-    /// Cuts the shapes at the border of the region.
+    /// Clips the shapes to the region.
     fn cut_at(&mut self, region: &Region, settings: &SegmentationSettings) {
         region.clear_outside(&mut self.mask);
         let mut search = self.shapes.search();
@@ -375,13 +380,13 @@ impl Segmenter {
         }
     }
 
-    /// Notes where the frame does not show the floor as it is.
+    /// Marks the pixels where the frame does not show the plain floor.
     fn cover(&mut self) {
         for ((covered, &label), &mask) in self.covered.iter_mut().zip(&self.labels).zip(&self.mask)
         {
             *covered = u8::from(label != FLOOR || mask != 0);
         }
-        // Single pixels are noise, and must not keep the floor from following.
+        // Single pixels are noise and must not stop the update of the background.
         open_3x3(&mut self.covered, self.size, &mut self.scratch);
         for _ in 0..MARGIN_PX {
             dilate_3x3(&self.covered, self.size, &mut self.scratch);
@@ -390,7 +395,7 @@ impl Segmenter {
     }
 }
 
-/// Whether an object was near `bounds` in the frame before.
+/// Whether there was an object near `bounds` in the previous frame.
 fn known(previous: &[u8], size: Size, bounds: Bounds) -> bool {
     let near = bounds.grown(KNOWN_WITHIN_PX, size);
     (near.top..=near.bottom).any(|y| {
@@ -401,7 +406,8 @@ fn known(previous: &[u8], size: Size, bounds: Bounds) -> bool {
     })
 }
 
-/// Calls `work` with the plane of a shape and two pixels around it. `scratch` are planes of the picture.
+/// Calls `work` with the mask of a shape, dilated by two pixels. `scratch` holds two planes of
+/// picture size.
 fn take(
     contour: &[Point],
     bounds: Bounds,

@@ -1,6 +1,6 @@
-//! Everything that decides what is found, apart from markers, calibration and background.
+//! All settings that affect the results, apart from markers, calibration and background.
 //!
-//! A recording carries these settings as TOML, and a replay uses them.
+//! A recording contains these settings as TOML, and a replay uses them.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 use crate::marker::RecognitionSettings;
 use crate::segmentation::SegmentationSettings;
 
-/// A plate on a robot is nearer to the camera than the floor and looks larger: by a third, where the camera hangs four times as
-/// high as the robot is.
+/// A plate on a robot is closer to the camera than the floor and looks larger: by a third, if the
+/// camera is four times as high as the robot.
 pub(crate) const PRINTED_SIZE_TOLERANCE: f32 = 1.35;
 
-/// Frames from which a floor is learned: an hour at 30 frames a second at most.
+/// Number of frames used for learning: at most an hour at 30 frames per second.
 pub(crate) const LEARN: RangeInclusive<u32> = 1..=108_000;
-/// See [`Settings::threshold`]: below, all is object; above, nothing is.
+/// See [`Settings::threshold`]: below, everything is an object; above, nothing is.
 pub(crate) const THRESHOLD: RangeInclusive<f32> = 0.1..=1000.0;
 /// See [`Settings::area_min`].
 pub(crate) const AREA_MIN: RangeInclusive<u32> = 1..=100_000_000;
@@ -35,10 +35,10 @@ pub(crate) const LOST_AFTER_S: RangeInclusive<f64> = 0.0..=3600.0;
 /// See [`Settings::confirm`].
 pub(crate) const CONFIRM: RangeInclusive<u32> = 0..=100_000;
 
-/// Names that recordings of earlier versions have for settings of today.
+/// Names of current settings in recordings of earlier versions.
 const FORMER: [&str; 2] = ["plate_mm", "marker_misfit_max"];
 
-/// A setting that is out of its range.
+/// A setting is out of range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("the setting {key} is {value}, but must be from {min} to {max}")]
 pub struct OutOfRange {
@@ -49,38 +49,41 @@ pub struct OutOfRange {
     max: String,
 }
 
-/// Settings of the pipeline. Lengths are pixels of the image.
+/// Settings of the pipeline. Lengths are in image pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Frames from which the empty floor is learned when no picture of it is given.
+    /// Number of frames for learning the empty floor if no picture of it is given.
     pub learn: u32,
-    /// Least difference from the floor that an object has somewhere: mean over a 3x3 window, in units of the noise.
+    /// Minimum peak difference of an object from the background: mean over a 3x3 window, in units
+    /// of the noise.
     pub threshold: f32,
-    /// A pixel this much darker than the floor may be shadow: share of the floor's lightness, 0 to 1.
+    /// A pixel this much darker than the floor may be shadow: share of the floor's lightness, 0 to
+    /// 1.
     pub shadow: f32,
-    /// Smallest shape that counts, in square pixels.
+    /// Minimum area of a shape, in square pixels.
     pub area_min: u32,
-    /// Smallest plate of a marker.
+    /// Smallest marker plate.
     pub plate_min: f32,
-    /// Largest plate of a marker.
+    /// Largest marker plate.
     pub plate_max: f32,
-    /// Side of the printed plates, millimetres: what has another size on the calibrated floor is no marker.
+    /// Side of the printed plates, millimetres: shapes of another size on the calibrated floor are
+    /// not markers.
     #[serde(
         rename = "plate",
         alias = "plate_mm",
         skip_serializing_if = "Option::is_none"
     )]
     pub plate_mm: Option<f32>,
-    /// What a marker may leave unexplained besides noise: root mean square over its plate, share of the contrast.
+    /// Maximum residual of a marker besides noise: RMS over its plate, as a share of the contrast.
     #[serde(alias = "marker_misfit_max")]
     pub marker_residual_max: f32,
-    /// Speed of the fastest object, in widths of the picture a second.
+    /// Speed of the fastest object, in picture widths per second.
     pub top_speed: f64,
     /// How long a missing object is replaced by its forecast, seconds.
     #[serde(rename = "lost_after")]
     pub lost_after_s: f64,
-    /// Sightings before an object is reported.
+    /// Number of sightings before an object is reported.
     pub confirm: u32,
 }
 
@@ -103,12 +106,12 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Settings from the TOML of a recording, and the names in it that this version does not know: another version may have made
-    /// it, and what both know still holds.
+    /// Settings from the TOML of a recording, and the names in it that this version does not know:
+    /// the recording may be from another version, and the settings known to both are used.
     ///
     /// # Errors
     ///
-    /// When the text is not TOML, or a value is not of its setting's type.
+    /// If the text is not TOML, or a value has the wrong type.
     pub fn from_recording(text: &str) -> Result<(Self, Vec<String>), toml::de::Error> {
         let table: toml::Table = toml::from_str(text)?;
         let all = Self {
@@ -121,7 +124,7 @@ impl Settings {
         Ok((table.try_into()?, unknown))
     }
 
-    /// Refuses what is out of range, as the arguments do: settings also come from files.
+    /// Rejects values out of range, as the arguments do, because settings also come from files.
     ///
     /// # Errors
     ///
@@ -146,7 +149,7 @@ impl Settings {
         within("confirm", self.confirm, CONFIRM)
     }
 
-    /// The part that segmentation needs.
+    /// The settings for segmentation.
     pub(crate) fn segmentation(&self) -> SegmentationSettings {
         SegmentationSettings {
             threshold: self.threshold,
@@ -155,7 +158,8 @@ impl Settings {
         }
     }
 
-    /// The part that recognition needs. `metres_per_px` is the width of a pixel on the floor, where it is known.
+    /// The settings for recognition. `metres_per_px` is the width of a pixel on the floor, if
+    /// known.
     pub(crate) fn recognition(&self, metres_per_px: Option<f64>) -> RecognitionSettings {
         let printed_px = self
             .plate_mm
@@ -173,12 +177,12 @@ impl Settings {
     }
 }
 
-/// The number of frames that come closest to a time, at least one.
+/// The number of frames closest to a duration, at least one.
 pub(crate) fn frames_in(time_s: f64, rate_hz: f64) -> u32 {
     (time_s * rate_hz).round().max(1.0) as u32
 }
 
-/// Not a number is in no range.
+/// NaN is out of every range.
 fn within<T: PartialOrd + fmt::Display>(
     key: &'static str,
     value: T,

@@ -1,9 +1,10 @@
-//! Where frames come from: one enum, because its members are known. `kind` tells what a path leads to by what is there, not by its
-//! name.
+//! Frame sources: one enum, because its members are known. `kind` recognises a path by its content,
+//! not by its name.
 //!
-//! [`camera`](crate::camera) captures from a V4L2 device, [`y4m`] and [`folder`] read files, [`replay`] reads recordings and `foreign` what
-//! other programs recorded, and [`demo`] is the synthetic floor that `render` draws. `combing` tells interlaced frames, `damaged` counts
-//! pictures that cannot be read.
+//! [`camera`](crate::camera) captures from a V4L2 device, [`y4m`] and [`folder`] read files,
+//! [`replay`] reads recordings and `foreign` those of other programs, and [`demo`] is the synthetic
+//! floor that `render` draws. `combing` detects interlaced frames, `damaged` counts images that
+//! cannot be decoded.
 
 mod combing;
 pub(crate) mod damaged;
@@ -29,7 +30,7 @@ use crate::source::kind::Kind;
 use crate::source::replay::{Recording, ReplayError};
 use crate::source::y4m::{Y4m, Y4mError};
 
-/// Frames of any origin.
+/// A source of frames of any kind.
 pub enum Source {
     /// The synthetic floor.
     Demo(Box<Demo>),
@@ -39,42 +40,42 @@ pub enum Source {
     Y4mFile(Y4m<BufReader<File>>),
     /// Y4M on standard input.
     Y4mStdin(Y4m<BufReader<Stdin>>),
-    /// A folder of pictures.
+    /// A folder of images.
     Pictures(Pictures),
     /// An MCAP recording.
     Recording(Box<Recording>),
 }
 
-/// Why there are no frames, or no more.
+/// Reasons why there are no frames, or no more.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// There is no such thing.
+    /// The path does not exist.
     #[error("{}: there is no such camera, file or folder; `overcam devices` lists the cameras", .0.display())]
     Missing(PathBuf),
-    /// It is there, but the system does not let it be looked at.
+    /// It exists, but cannot be opened.
     #[error("{}: cannot be opened: {source}", path.display())]
     Closed {
-        /// What `--device` names.
+        /// Argument of `--device`.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// Something that is none of the known kinds.
+    /// None of the known kinds.
     #[error("{}: {what}", path.display())]
     Unknown {
-        /// What `--device` names.
+        /// Argument of `--device`.
         path: PathBuf,
         /// What it is, and what to do.
         what: String,
     },
-    /// An argument that says something of a camera, or of a folder of pictures, to which it does not apply.
+    /// An argument for cameras or image folders that does not apply to this source.
     #[error("{device}: {flag} does not apply to {kind}: leave it out")]
     Argument {
-        /// What `--device` names.
+        /// Argument of `--device`.
         device: String,
         /// The argument.
         flag: &'static str,
-        /// What the source is.
+        /// Kind of the source.
         kind: &'static str,
     },
     /// From a camera.
@@ -83,7 +84,7 @@ pub enum SourceError {
     /// From a Y4M stream.
     #[error(transparent)]
     Y4m(#[from] Y4mError),
-    /// From a folder of pictures.
+    /// From a folder of images.
     #[error(transparent)]
     Pictures(#[from] FolderError),
     /// From a recording.
@@ -92,27 +93,29 @@ pub enum SourceError {
 }
 
 impl SourceError {
-    /// Whether there is no camera where it was looked for.
+    /// Whether the camera does not exist.
     #[must_use]
     pub fn is_missing_camera(&self) -> bool {
         matches!(self, Self::Camera(CameraError::Missing { .. }))
     }
 }
 
-/// Whether a recording is at this path; only its first bytes are read.
+/// Whether this path is a recording; reads only its first bytes.
 pub(crate) fn is_recording(device: &str) -> bool {
     matches!(kind::of(Path::new(device)), Ok(Kind::Recording))
 }
 
 impl Source {
-    /// Opens what `--device` names: `demo`, `-`, a camera's node, a file, a pipe or a folder. What it is, its kind and its first bytes
-    /// say. The wish is for cameras; its rate counts for folders of pictures and its size for the demo too.
+    /// Opens the argument of `--device`: `demo`, `-`, a camera's node, a file, a pipe or a folder.
+    /// The kind is determined from the file type and its first bytes. The request is for cameras;
+    /// its rate also applies to folders of images, and its size to the demo.
     ///
-    /// A named pipe is waited for until a program writes to it.
+    /// For a named pipe, this waits until a program writes to it.
     ///
     /// # Errors
     ///
-    /// [`SourceError`] when it is not there, gives no frames, or the request contains what does not apply to it.
+    /// [`SourceError`] if it does not exist, gives no frames, or the request contains settings that
+    /// do not apply.
     pub fn open(device: &str, request: &CameraRequest) -> Result<Self, SourceError> {
         let only = |flags: &[&str], kind: &'static str| {
             let stray = request.flags().find(|flag| !flags.contains(flag));
@@ -134,7 +137,7 @@ impl Source {
         let path = Path::new(device);
         let kind = match kind::of(path) {
             Ok(kind) => kind,
-            // A camera's own message says more: which cameras there are.
+            // The message of the camera module also lists the existing cameras.
             Err(error) if error.kind() == io::ErrorKind::NotFound && path.starts_with("/dev") => {
                 Kind::Device
             }
@@ -172,7 +175,7 @@ impl Source {
         }
     }
 
-    /// What is known of the frames.
+    /// Information about the frames.
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         match self {
@@ -185,7 +188,7 @@ impl Source {
         }
     }
 
-    /// How a recording was made; `None` for everything else.
+    /// How a recording was made; `None` for other sources.
     #[must_use]
     pub fn provenance(&self) -> Option<&Provenance> {
         match self {
@@ -194,7 +197,8 @@ impl Source {
         }
     }
 
-    /// What a camera lost, and what a camera, a folder or a recording had that is no whole picture; `None` for everything else.
+    /// Counts of frames lost by a camera, and of incomplete images of a camera, a folder or a
+    /// recording; `None` for other sources.
     #[must_use]
     pub fn camera_counters(&self) -> Option<Counters> {
         let damaged = |faulty| Counters {
@@ -209,7 +213,8 @@ impl Source {
         }
     }
 
-    /// How many of 16 bits the samples of a folder's pictures use; `None` where they have 8, and for everything else.
+    /// Number of bits in use in samples of 16 bits in a folder's images; `None` if they have 8, and
+    /// for other sources.
     #[must_use]
     pub fn n_bits(&self) -> Option<u8> {
         match self {
@@ -218,7 +223,8 @@ impl Source {
         }
     }
 
-    /// What a person should know of what a camera gives instead of what was asked for, a line each.
+    /// Notes for the user on differences between a camera's mode and the requested one, one per
+    /// line.
     #[must_use]
     pub fn notes(&self) -> &[String] {
         match self {
@@ -227,11 +233,12 @@ impl Source {
         }
     }
 
-    /// Tries once to open a camera again that was lost, as it was before. Nothing else is ever lost.
+    /// Makes one attempt to reopen a lost camera with its previous settings. Other sources are
+    /// never lost.
     ///
     /// # Errors
     ///
-    /// [`SourceError::Camera`] while that cannot be done.
+    /// [`SourceError::Camera`] if it fails.
     pub fn resume(&mut self) -> Result<(), SourceError> {
         match self {
             Self::Camera(camera) => Ok(camera.resume()?),
@@ -239,12 +246,12 @@ impl Source {
         }
     }
 
-    /// Starts a camera and locks its controls, which takes a second at most unless `stop` is set; it runs from then on. All
-    /// other sources wait for whoever takes their frames.
+    /// Starts a camera and locks its controls, which takes at most a second unless `stop` is set;
+    /// it runs from then on. All other sources deliver frames only on request.
     ///
     /// # Errors
     ///
-    /// [`SourceError::Camera`] when it cannot start.
+    /// [`SourceError::Camera`] if it cannot start.
     pub fn start(&mut self, stop: &AtomicBool) -> Result<(), SourceError> {
         match self {
             Self::Camera(camera) => Ok(camera.start(stop)?),
@@ -252,11 +259,11 @@ impl Source {
         }
     }
 
-    /// Fills the slot with the next frame. The slot's scene is left as it is.
+    /// Fills the slot with the next frame. The slot's scene is not changed.
     ///
     /// # Errors
     ///
-    /// [`SourceError`] when the source broke off; it has no more frames then.
+    /// [`SourceError`] if the source failed; there are then no more frames.
     pub fn next(&mut self, slot: &mut Slot) -> Result<Next, SourceError> {
         slot.skipped = false;
         slot.background = None;

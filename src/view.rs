@@ -1,7 +1,9 @@
-//! One camera: from a frame to what stands on the floor, in the unit and the coordinate frame of the scene.
+//! One camera: from a frame to the objects on the floor, in the unit and coordinate frame of the
+//! scene.
 //!
-//! A view knows its camera's background, region, optics and calibration, and nothing of tracks. With several cameras there is one of it
-//! for each of them. Lens and height will be part of its calibration.
+//! A view holds its camera's background, region, optics and calibration, and no tracks. With
+//! several cameras there will be one view per camera. Lens and height will be part of its
+//! calibration.
 
 use imgproc::Size;
 use predict::{Heading, Observation};
@@ -17,17 +19,17 @@ use crate::marker::Family;
 use crate::segmentation::{Light, Segmented, Segmenter};
 use crate::settings::Settings;
 
-/// Positions farther from the origin than this are dropped: there the horizon is blurred over many metres.
+/// Positions farther from the origin are dropped: near the horizon one pixel covers many metres.
 const FLOOR_MAX_M: f64 = 1e6;
 
-/// One camera, and all the memory that its frames need.
+/// One camera, with all the memory needed to process its frames.
 #[derive(Debug)]
 pub(crate) struct View {
     rate_hz: f64,
     settings: Settings,
     family: Family,
     calibration: Option<Calibration>,
-    /// `None` until a floor is known.
+    /// `None` until a background is known.
     segmenter: Option<Box<Segmenter>>,
     learning: Learning,
     region: Option<Region>,
@@ -36,46 +38,46 @@ pub(crate) struct View {
     sightings: Vec<Sighting>,
 }
 
-/// What is going on to learn the empty floor.
+/// Progress of learning the empty floor.
 #[derive(Debug)]
 enum Learning {
-    /// Nothing.
     Idle,
     /// Frames are being collected.
     Collecting(Box<Learner>),
-    /// Learned with the last frame; it is used from the next one on.
+    /// Learned with the last frame; used from the next one on.
     Done(BackgroundModel),
 }
 
-/// What one frame shows.
+/// The objects observed in one frame.
 #[derive(Debug)]
 pub(crate) struct Sightings<'a> {
-    /// In reading order; what lies beyond the horizon is left out.
+    /// In reading order, without those beyond the horizon.
     pub(crate) all: &'a [Sighting],
-    /// Shapes and markers that found no room.
+    /// Number of shapes and markers dropped for lack of space.
     pub(crate) overflow: u32,
     pub(crate) light: Light,
-    /// How bright the frame is, over the floor: red, green, blue.
+    /// Brightness of the frame relative to the background: red, green, blue.
     pub(crate) gain: [f32; 3],
 }
 
-/// One thing that was seen in a frame. Metres on the floor with a calibration, pixels of the image without one.
+/// An object observed in a frame. In metres on the floor with a calibration, otherwise in image
+/// pixels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sighting {
-    /// What the tracker takes.
+    /// Input of the tracker.
     pub(crate) observation: Observation,
     /// Side of the plate, or square root of the area.
     pub(crate) size: f64,
     /// Corners beyond the horizon are left out.
     pub(crate) outline: Outline,
-    /// How sure it is that the marker was read right, 0 to 1; 0 without a marker.
+    /// Confidence of the marker recognition, 0 to 1; 0 without a marker.
     pub(crate) confidence: f64,
     /// Covariances of x and y with the heading; 0 without a marker.
     pub(crate) heading_covariance: [f64; 2],
 }
 
 impl View {
-    /// A view of frames of one size.
+    /// A view for frames of one size.
     pub(crate) fn new(
         size: Size,
         rate_hz: f64,
@@ -97,11 +99,11 @@ impl View {
         }
     }
 
-    /// Looks at this part of the frames only, or at all of them again.
+    /// Restricts detection to a region of the frames, or removes the restriction.
     ///
     /// # Panics
     ///
-    /// When the region has another size than the frames.
+    /// If the size of the region differs from that of the frames.
     pub(crate) fn set_region(&mut self, region: Option<Region>) {
         if let Some(region) = &region {
             assert_eq!(
@@ -113,7 +115,7 @@ impl View {
         self.region = region;
     }
 
-    /// Learns the empty floor anew, unless one is being learned already.
+    /// Starts learning the empty floor again, unless learning is already in progress.
     pub(crate) fn relearn(&mut self) {
         if !self.is_learning() {
             let learner = Learner::new(self.picture.size, self.settings.learn);
@@ -121,12 +123,12 @@ impl View {
         }
     }
 
-    /// Whether a floor is being learned that is not in use yet.
+    /// Whether a background is being learned that is not yet in use.
     pub(crate) fn is_learning(&self) -> bool {
         !matches!(self.learning, Learning::Idle)
     }
 
-    /// While frames are collected to learn a floor: how many there are so far, and how many are needed.
+    /// While learning: the number of frames collected so far and the number needed.
     pub(crate) fn learning_progress(&self) -> Option<(u32, u32)> {
         match &self.learning {
             Learning::Collecting(learner) => Some((learner.seen(), learner.frames())),
@@ -134,21 +136,22 @@ impl View {
         }
     }
 
-    /// The floor that is in use, up to date; `None` before one is known. Takes memory.
+    /// The current background, with all updates; `None` before there is one. Allocates.
     pub(crate) fn floor(&self) -> Option<BackgroundModel> {
         self.segmenter.as_ref().map(|segmenter| segmenter.floor())
     }
 
-    /// Decodes a frame and takes the floor that applies from it on into use: `background` where there is one. A floor that was learned
-    /// with the frame before is put there. Says whether another floor is in use now.
+    /// Decodes a frame and switches to the background that applies from this frame on: `background`
+    /// if it is given. A background learned with the previous frame is stored there. Returns
+    /// whether the background changed.
     ///
     /// # Errors
     ///
-    /// [`DecodeError`] when the frame's bytes are no picture; everything is left as it was.
+    /// [`DecodeError`] if the frame cannot be decoded; nothing is changed.
     ///
     /// # Panics
     ///
-    /// When the background has another size than the frames.
+    /// If the size of the background differs from that of the frames.
     pub(crate) fn take(
         &mut self,
         frame: &Frame,
@@ -167,7 +170,8 @@ impl View {
         Ok(true)
     }
 
-    /// Learns from the decoded frame, unless a floor that comes with it is the first one.
+    /// Learns from the decoded frame. The first background that comes with a frame cancels
+    /// learning.
     fn learn(&mut self, background: &mut Option<BackgroundModel>) {
         if background.is_some() && self.segmenter.is_none() {
             self.learning = Learning::Idle;
@@ -188,7 +192,7 @@ impl View {
         };
     }
 
-    /// What stands on the floor in the frame that was taken last; `None` while no floor is known.
+    /// The objects on the floor in the last decoded frame; `None` while there is no background.
     pub(crate) fn look(&mut self) -> Option<Sightings<'_>> {
         let segmenter = self.segmenter.as_mut()?;
         let Segmented {
@@ -222,7 +226,7 @@ impl View {
     }
 }
 
-/// A detection in the unit of the scene; `None` where it is not on the floor.
+/// A detection in the unit of the scene; `None` if it is not on the floor.
 fn sight(detection: &Detection, calibration: Option<&Calibration>) -> Option<Sighting> {
     match calibration {
         None => Some(in_picture(detection)),

@@ -1,4 +1,4 @@
-//! All cameras: from what they see to tracks, and from tracks to the scene that subscribers read.
+//! All cameras: from observations to tracks, and from tracks to the scene that subscribers read.
 
 use imgproc::Size;
 use predict::{MAX_TRACKS, Observation, Track, Tracker};
@@ -9,25 +9,26 @@ use crate::segmentation::Light;
 use crate::settings::{Settings, frames_in};
 use crate::view::{Sighting, Sightings};
 
-/// Distance by which an object at rest may be found beside its forecast, in widths of the picture.
+/// Largest distance between an object at rest and its forecast, as a share of the picture width.
 const GATE_WIDTHS: f64 = 0.0125;
 
-/// The tracks of everything on the floor.
+/// The tracks of all objects on the floor.
 #[derive(Debug)]
 pub(crate) struct World {
     tracking: predict::Settings,
-    /// Coordinate frame of everything here, as in [`Scene::frame`].
+    /// Coordinate frame of all positions, as in [`Scene::frame`].
     frame: u32,
-    /// Of the markers, in the order of their family.
+    /// Marker names, in the order of the family.
     names: Vec<String>,
     tracker: Tracker<Vec<Track>>,
     observations: Vec<Observation>,
-    /// Size of each track when it was seen last, in the order of the tracks.
+    /// Last observed size of each track, in the order of the tracks.
     sizes: Vec<(u64, f64)>,
 }
 
 impl World {
-    /// A world without tracks. `metres_per_px` is the width of a pixel in the middle of the picture, where there is a calibration.
+    /// A world without tracks. `metres_per_px` is the width of a pixel at the image centre, if
+    /// there is a calibration.
     pub(crate) fn new(
         size: Size,
         rate_hz: f64,
@@ -48,12 +49,13 @@ impl World {
         }
     }
 
-    /// Forgets where walls were met: the floor is another one. The tracks stay.
+    /// Clears the known walls, because the floor has changed. The tracks are kept.
     pub(crate) fn forget_floor(&mut self) {
         self.tracker.forget_floor();
     }
 
-    /// Takes what one frame shows, and writes the scene but for its sequence number, clock and time of publication.
+    /// Updates the tracks with the observations of one frame and writes the scene, except for its
+    /// sequence number, clock and time of publication.
     pub(crate) fn update(&mut self, stamp_ns: u64, seen: &Sightings<'_>, scene: &mut Scene) {
         self.observations.clear();
         self.observations
@@ -84,7 +86,7 @@ impl World {
         self.sizes.extend(sizes);
     }
 
-    /// A track as a subscriber reads it.
+    /// A track in the form that subscribers read.
     fn report(&self, track: &Track, sighting: Option<&Sighting>) -> Object {
         let mut object = Object::EMPTY;
         object.track = track.id();
@@ -97,8 +99,9 @@ impl World {
             let name = self.names[marker as usize].as_bytes();
             object.marker[..name.len()].copy_from_slice(name);
         }
-        // A robot whose marker was not read is where its forecast says. Of obstacles that touch one is observed, with the outline
-        // of all: something was seen there, although not which is which.
+        // If the marker of a robot was not read, its predicted position is reported. Of obstacles
+        // that touch, one is observed, with the outline of all: something is there, but it is
+        // unknown which.
         let outline_seen = track.marker().is_none() && sighting.is_some();
         if track.pose_observed() || outline_seen {
             object.flags |= scene::OBSERVED;
@@ -136,7 +139,7 @@ impl World {
     }
 }
 
-/// Adds what the frame itself shows of a track.
+/// Adds what was observed of a track in this frame.
 fn add_sighting(sighting: &Sighting, pose_observed: bool, object: &mut Object) {
     if pose_observed {
         object.confidence = sighting.confidence;

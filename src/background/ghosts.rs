@@ -1,36 +1,37 @@
-//! Places that an object has left, though the picture of the floor still shows it there.
+//! Ghosts: places that an object has left, although the background still shows it there.
 //!
-//! Such a ghost differs from the floor like an object, in the object's shape. But an object has an edge around it in the frame,
-//! and the ghost has it in the picture of the floor: in the frame, the floor runs on through its contour. A shape that is seen
-//! so in the same place for half a second is a ghost.
+//! A ghost differs from the background like an object, with the object's shape. But an object has
+//! an edge around it in the frame, while the edge of a ghost is in the background: in the frame,
+//! the floor continues across the contour. A shape that looks like this in the same place for half
+//! a second is a ghost.
 
 use imgproc::{Bounds, Point, Size};
 
 use crate::image::frame::Picture;
 use crate::settings::frames_in;
 
-/// Ghosts that are watched at the same time.
+/// Maximum number of candidates.
 const GHOSTS_MAX: usize = 32;
 
-/// A shape is a ghost once it has looked like one for this long.
+/// A shape that has looked like a ghost for this long is one.
 const SIGHTED_S: f64 = 0.5;
 
-/// Points of a contour that are looked at.
+/// Maximum number of contour points tested.
 const POINTS_MAX: usize = 96;
 
-/// Fewest points that tell anything.
+/// Minimum number of points for a decision.
 const POINTS_MIN: usize = 12;
 
-/// From the contour to the pixels that are compared, inwards and outwards.
+/// Distance from the contour to the compared pixels, inwards and outwards.
 const REACH_PX: f32 = 2.5;
 
-/// An edge is at least this high, levels summed over the channels.
+/// Minimum height of an edge, in levels summed over the channels.
 const EDGE_MIN: i32 = 24;
 
-/// What may turn out to be ghosts.
+/// Candidates for ghosts.
 #[derive(Debug)]
 pub(crate) struct Ghosts {
-    /// Sightings in a row that make a ghost.
+    /// Consecutive sightings that make a ghost.
     sightings_min: u32,
     watched: [(Bounds, u32); GHOSTS_MAX],
     n: usize,
@@ -50,7 +51,7 @@ impl Ghosts {
         }
     }
 
-    /// Enters a shape that looks like a ghost in this frame. Whether it is one.
+    /// Records a shape that looks like a ghost in this frame. Returns whether it is one.
     pub(crate) fn sighted(&mut self, bounds: Bounds) -> bool {
         let near = |a: u16, b: u16| a.abs_diff(b) <= 3;
         let before = self.watched[..self.n].iter().find(|(other, _)| {
@@ -67,7 +68,7 @@ impl Ghosts {
         sightings >= self.sightings_min
     }
 
-    /// Ends a frame: what was not sighted in it is forgotten.
+    /// Ends a frame: candidates not sighted in it are removed.
     pub(crate) fn end_frame(&mut self) {
         std::mem::swap(&mut self.watched, &mut self.next);
         self.n = self.n_next;
@@ -75,7 +76,7 @@ impl Ghosts {
     }
 }
 
-/// Whether the edge along a contour is in the picture of the floor and not in the frame.
+/// Whether the edge along a contour is in the background and not in the frame.
 pub(crate) fn looks_left(
     contour: &[Point],
     frame: &Picture,
@@ -95,7 +96,7 @@ pub(crate) fn looks_left(
         if length == 0.0 {
             continue;
         }
-        // Clockwise on the screen, hence outwards to the left.
+        // The contour is clockwise on the screen, so outwards is to the left.
         let outwards = [along[1] / length * REACH_PX, -along[0] / length * REACH_PX];
         let at = |sign: f32| {
             let x = (f32::from(contour[i].x) + sign * outwards[0]).round();

@@ -1,8 +1,9 @@
-//! What the light does: its gain over the floor's picture, and whether it has just changed.
+//! Illumination: its gain relative to the background, and whether it has just changed.
 //!
-//! A camera's automatic exposure, its white balance, and lamps all end up as one factor a channel, fitted to each frame anew.
-//! When the factor jumps, the light has changed: what is left of the change after the factor, because lamps hang somewhere,
-//! looks like objects that were not there before. For a moment only those objects count that were there before it.
+//! Automatic exposure, white balance and lamps are all modelled as one factor per channel, fitted
+//! to each frame. A jump of the factor is a change of illumination. Lamps are local, so some of the
+//! change remains after the factor is applied, and looks like new objects. For a short time, only
+//! objects that were there before the change are therefore reported.
 
 use imgproc::difference::Gains;
 use imgproc::light::channel_gain;
@@ -10,42 +11,42 @@ use imgproc::light::channel_gain;
 use crate::image::frame::Picture;
 use crate::settings::frames_in;
 
-/// About this many pixels are looked at.
+/// Approximate number of sampled pixels.
 const SAMPLES: usize = 8192;
 
-/// A gain that differs by more than this factor from the usual one is another light.
+/// The illumination has changed if the gain differs from the usual one by more than this factor.
 const STEP: f32 = 1.06;
 
-/// Below this gain the frame is too dark to see anything in.
+/// Below this gain the frame is too dark to detect anything.
 const DARK: f32 = 0.12;
 
-/// Time for which new objects are withheld after a change of the light.
+/// Time after a change of illumination during which new objects are withheld.
 const SETTLE_S: f64 = 0.4;
 
-/// A light that changes for longer than this does not step; it flickers or is dimmed.
+/// Illumination that changes for longer than this is not a step; it flickers or is being dimmed.
 const SETTLE_MAX_S: f64 = 1.5;
 
-/// What the light does in this frame.
+/// State of the illumination in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Light {
-    /// It is as it was.
+    /// Unchanged.
     Steady,
-    /// It has changed. So many frames are left until new objects count again.
+    /// Changed a short time ago.
     Changed {
-        /// 0: the last one.
+        /// Frames left until new objects are reported again; 0 in the last of them.
         frames_left: u32,
     },
-    /// There is none.
+    /// Too dark.
     Dark,
 }
 
-/// The light from frame to frame.
+/// Estimates the illumination of each frame.
 #[derive(Debug)]
 pub(crate) struct Illumination {
     pub(crate) gains: Gains,
-    /// What it is when it does not jump.
+    /// The gains when they do not jump.
     usual: [f32; 3],
-    /// Frames that new objects are withheld after a change.
+    /// Frames during which new objects are withheld after a change.
     pub(crate) settle_frames: u32,
     settle_frames_max: u32,
     settling: u32,
@@ -66,7 +67,7 @@ impl Illumination {
         }
     }
 
-    /// Fits the light to a frame, where `covered` is 0.
+    /// Fits the gains to a frame, where `covered` is 0.
     pub(crate) fn observe(
         &mut self,
         frame: &Picture,
@@ -92,7 +93,8 @@ impl Illumination {
                 *usual += (now - *usual) / 8.0;
             }
         }
-        // As it was before the dark: nothing has to settle but the first frame, whose exposure may have begun in the dark.
+        // Same as before the dark: only the first frame has to settle, since its exposure may have
+        // begun in the dark.
         if std::mem::take(&mut self.dark) {
             self.settling = self.settling.max(1);
         }
@@ -110,7 +112,8 @@ impl Illumination {
         }
     }
 
-    /// The light is one that the floor is now in again: nothing has to settle but this frame, whose exposure may have begun before.
+    /// The background matches this illumination again: only this frame has to settle, since its
+    /// exposure may have begun before the change.
     pub(crate) fn return_to(
         &mut self,
         frame: &Picture,
@@ -125,7 +128,8 @@ impl Illumination {
     }
 }
 
-/// The factor of each channel between a frame and a floor where `covered` is 0; `unless` too little is seen.
+/// The factor of each channel between a frame and a background, where `covered` is 0; `unless` if
+/// too few pixels are visible.
 pub(crate) fn fit(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8], unless: Gains) -> Gains {
     let stride = (frame.size.area() / SAMPLES).max(1) | 1;
     let of = |channel: &[u8], floor: &[u16], last: f32| {

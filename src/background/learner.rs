@@ -1,14 +1,17 @@
-//! Learning the empty floor from frames over which objects may move.
+//! Learns the empty floor from frames in which objects may move.
 //!
-//! Of each pixel the median over the frames is the floor, and the spread about it the noise ([`imgproc::background`] and
-//! [`imgproc::noise`]): whatever covers it in less than half of the frames changes neither.
+//! For each pixel, the median over the frames is the background, and the spread about it is the
+//! noise ([`imgproc::background`] and [`imgproc::noise`]). An object that covers a pixel in less
+//! than half of the frames changes neither.
 //!
 //! # No long step at the end
 //!
-//! Frames must not queue up while a floor is computed, which takes as long as several frames. So only the first five sixths of the frames
-//! are collected, and each of the last sixth computes its share. That is why pixels are kept in tiles: the values of a tile in all frames
-//! stand together, and a tile is computed without the others in memory that the first cache level holds. A tile's result
-//! depends on its frames alone, hence the floor does not depend on how the work is shared out.
+//! Computing a background takes as long as several frames, and frames must not queue up meanwhile.
+//! So only the first five sixths of the frames are collected, and each frame of the last sixth
+//! computes its share. For this, pixels are stored in tiles: the values of a tile in all frames are
+//! contiguous, and a tile is computed independently of the others in memory that fits the L1 cache.
+//! The result of a tile depends only on its frames, so the background does not depend on how the
+//! work is divided.
 //!
 //! With fewer than six frames everything is computed with the last one.
 
@@ -20,39 +23,42 @@ use imgproc::noise::{add_variance, mean_3x3};
 use crate::background::model::{BackgroundModel, NOISE_STEPS};
 use crate::image::frame::Picture;
 
-/// Most frames that are kept; of more, every second, third, ... is kept. More would add memory and no knowledge.
+/// Maximum number of frames kept; of more frames, every second, third, ... is kept. More would use
+/// memory without adding information.
 const KEPT_MAX: u32 = 64;
 
-/// Fewest frames whose spread says something; with fewer the noise stays unknown.
+/// Minimum number of frames for an estimate of the noise; with fewer it stays unknown.
 const KEPT_MIN_FOR_NOISE: usize = 8;
 
-/// Pixels whose values are kept together.
+/// Number of pixels in a tile.
 const TILE: usize = 256;
 
-/// Learns a floor. All memory is taken when it is made: three bytes a pixel and kept frame, of which there are at most 64.
+/// Learns a background. Allocates only when it is created: three bytes per pixel and kept frame, of
+/// which there are at most 64.
 #[derive(Debug)]
 pub struct Learner {
-    /// Frames that were announced, at least one.
+    /// Total number of frames, at least one.
     frames: u32,
-    /// The first of them, which are collected; the others compute.
+    /// Number of frames at the start that are collected; during the others the tiles are computed.
     collected: u32,
     seen: u32,
-    /// Of this many frames the first is kept.
+    /// One in `stride` frames is kept, starting with the first.
     stride: u32,
     capacity: usize,
     kept: usize,
-    /// Red, green and blue, denoised: tile after tile, each with room for `capacity` frames, one after the other.
+    /// Red, green and blue, denoised: tile after tile, each with space for `capacity` frames in
+    /// sequence.
     channels: [Vec<u8>; 3],
     tiles_done: usize,
     floor: BackgroundModel,
-    /// Noise before it is smoothed.
+    /// Noise before smoothing.
     rough_noise: Vec<u8>,
     /// One plane of a frame.
     denoised: Vec<u8>,
 }
 
 impl Learner {
-    /// A learner that is done after `frames` frames, or one if that is 0.
+    /// A learner for `frames` frames, at least one.
     #[must_use]
     pub fn new(size: Size, frames: u32) -> Self {
         let frames = frames.max(1);
@@ -78,23 +84,24 @@ impl Learner {
         }
     }
 
-    /// Frames that it was given so far.
+    /// Number of frames added so far.
     #[must_use]
     pub fn seen(&self) -> u32 {
         self.seen
     }
 
-    /// Frames that it needs.
+    /// Number of frames needed.
     #[must_use]
     pub fn frames(&self) -> u32 {
         self.frames
     }
 
-    /// Takes a frame. True when it was the last one, and [`Learner::finish`] has the floor.
+    /// Adds a frame. Returns true if it was the last one; then [`Learner::finish`] returns the
+    /// background.
     ///
     /// # Panics
     ///
-    /// When the picture has another size.
+    /// If the size of the picture differs.
     pub fn add(&mut self, picture: &Picture) -> bool {
         assert_eq!(
             picture.size, self.floor.picture.size,
@@ -114,7 +121,7 @@ impl Learner {
         self.seen == self.frames
     }
 
-    /// The floor, as far as the frames tell that came. `None` when there were none.
+    /// The background from the frames added so far; `None` if there were none.
     #[must_use]
     pub fn finish(mut self) -> Option<BackgroundModel> {
         if self.kept == 0 {
@@ -146,7 +153,7 @@ impl Learner {
         self.kept += 1;
     }
 
-    /// Computes the tiles that are not done yet, up to number `end`.
+    /// Computes the remaining tiles before index `end`.
     fn compute(&mut self, end: usize) {
         let Picture {
             red, green, blue, ..
@@ -167,7 +174,7 @@ impl Learner {
                 continue;
             }
             for (noise, variance) in noise.iter_mut().zip(variance) {
-                // A pixel that never changed is quiet, which is not the same as unknown.
+                // A pixel that never changed has low noise, which differs from unknown noise.
                 *noise = (NOISE_STEPS * (*variance / 3.0).sqrt()).round().max(1.0) as u8;
             }
         }
@@ -194,7 +201,7 @@ mod tests {
         }
     }
 
-    /// Splitmix64, and standard normal numbers by the transform of Box and Muller.
+    /// Splitmix64, and standard normal numbers by the Box-Muller transform.
     struct Random(u64);
 
     impl Random {
@@ -211,7 +218,7 @@ mod tests {
             (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
         }
 
-        /// A floor with a slope, so that the noise meets every fraction of a grey level.
+        /// A floor with a gradient, so that the noise is sampled at every fraction of a grey level.
         fn picture(&mut self, sigma: f64) -> Picture {
             let mut picture = grey(0);
             for plane in [&mut picture.red, &mut picture.green, &mut picture.blue] {
@@ -242,7 +249,7 @@ mod tests {
         (variances.sum::<f64>() / inner().count() as f64).sqrt()
     }
 
-    /// Pixels whose windows of the median and of the mean lie in the picture.
+    /// Pixels whose median and mean windows lie inside the picture.
     fn inner() -> impl Iterator<Item = usize> + Clone {
         (2..SIZE.height - 2).flat_map(|y| (2..SIZE.width - 2).map(move |x| y * SIZE.width + x))
     }
@@ -265,7 +272,7 @@ mod tests {
         assert!(learner.kept <= KEPT_MAX as usize);
         let floor = learner.finish().expect("there were frames");
         assert_eq!(floor.picture, grey(90));
-        // Known to be quiet.
+        // Known to have low noise.
         assert_eq!(floor.noise, [1; SIZE.area()]);
     }
 
@@ -306,7 +313,7 @@ mod tests {
         assert!(learner.finish() == Some(at_once));
     }
 
-    /// Mean of the learned noise and root mean square of its errors, in units of the real one.
+    /// Mean of the learned noise and RMS of its errors, relative to the true noise.
     fn noise_against(
         real: f64,
         floor: &BackgroundModel,
@@ -346,7 +353,8 @@ mod tests {
         ] {
             let mut random = Random(7);
             let mut pictures: Vec<Picture> = (0..30).map(|_| random.picture(sigma)).collect();
-            // Each pixel is covered in 10 or 5 of the 25 frames that are collected, by something of even colour.
+            // Each pixel is covered in 10 or 5 of the 25 collected frames by something of uniform
+            // colour.
             for (i, picture) in pictures.iter_mut().enumerate() {
                 for plane in [&mut picture.red, &mut picture.green, &mut picture.blue] {
                     for (at, value) in plane.iter_mut().enumerate() {
@@ -357,7 +365,8 @@ mod tests {
                 }
             }
             let real = denoised_sigma(sigma);
-            // Beside an object the 3x3 median changes the floor, which is no fault of the learner: rows away from its edges.
+            // Next to an object the 3x3 median changes the floor; this is not an error of the
+            // learner. Hence the rows away from its edges.
             let rows = inner().filter(|i| i / SIZE.width % 5 == 2);
             let (mean, error) = noise_against(real, &learn(&pictures, 30), rows);
             println!("{real:.2}, object {object}: mean {mean:.3}, error {error:.3}");

@@ -1,19 +1,21 @@
-//! What is known of the empty floor: its picture, and how much each of its pixels changes from frame to frame.
+//! The model of the empty floor: its picture, and the frame-to-frame noise of each pixel.
 //!
-//! A floor is learned from frames ([`learner`](crate::background::learner)) or read from a file. Which part of the picture is floor at all, a [`region`](crate::background::region)
-//! says.
+//! A background is learned from frames ([`learner`](crate::background::learner)) or read from a
+//! file. A [`region`](crate::background::region) defines which part of the picture is floor.
 //!
-//! # A floor as a file
+//! # File format
 //!
-//! PNG with an alpha channel: the colours are the picture, alpha is 255 less the noise. Any program that shows pictures opens it, as good as
-//! opaque, the more transparent the noisier. A text in the file, with the key `overcam`, says that it is such a floor. Without it,
-//! as older versions wrote floors, only a file is one that has nothing in it but pixels, none of them opaque and nearly all of little
-//! noise, which is nothing that a paint program leaves behind.
+//! PNG with an alpha channel: the colours are the picture, alpha is 255 minus the noise. Any image
+//! viewer shows it, nearly opaque, more transparent where the noise is higher. A text chunk with
+//! the key `overcam` marks such a file. Older versions wrote no mark. A file without one is
+//! accepted as a background only if it contains nothing but pixels, none of them opaque and nearly
+//! all with low noise, which no paint program writes.
 //!
-//! Every other file is anybody's picture of the floor: it is denoised when it is read, and its noise is unknown. Colours behind
-//! partial transparency count as they are; where it is full, nobody knows the floor, and the file is refused.
+//! Any other file is an ordinary picture of the floor: it is denoised when it is read, and its
+//! noise is unknown. Colours of partially transparent pixels are used as they are. Fully
+//! transparent pixels have no known colour, so the file is rejected.
 //!
-//! Deliberately absent: anything that changes a floor after it was learned.
+//! Deliberately absent: anything that changes a background after it was learned.
 
 use std::path::Path;
 
@@ -23,31 +25,32 @@ use crate::image::frame::Picture;
 use crate::image::picture_file::{PictureError, png_picture, read_file, read_png, read_with_alpha};
 use crate::image::png::{self, Png, PngError};
 
-/// Key and value of the text that marks a floor.
+/// Key and value of the text chunk that marks a background.
 const MARK: (&str, &str) = ("overcam", "floor; alpha is 255 less the noise");
 
-/// In a floor without a mark, no more than one pixel in so many has an alpha below 128, a noise above 16 grey levels.
+/// In a file without the mark, at most one pixel in this many has an alpha below 128, that is,
+/// noise above 16 grey levels.
 const NOISY_SHARE: usize = 100;
 
-/// Steps of [`BackgroundModel::noise`] in a grey level.
+/// Steps of [`BackgroundModel::noise`] per grey level.
 pub const NOISE_STEPS: f32 = 8.0;
 
-/// The empty floor.
+/// The model of the empty floor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BackgroundModel {
-    /// What frames are compared with, already denoised as they are (3x3 median).
+    /// The picture that frames are compared with, denoised like them (3x3 median).
     pub picture: Picture,
-    /// Standard deviation of each denoised pixel from frame to frame, root mean square over the colours, in eighths of a grey level.
-    /// 255 is that or more, 0 is unknown.
+    /// Standard deviation of each denoised pixel from frame to frame, RMS over the colours, in
+    /// eighths of a grey level. 255 is that or more, 0 is unknown.
     pub noise: Vec<u8>,
 }
 
 impl BackgroundModel {
-    /// The floor that a picture shows as a camera sees it; its noise is unknown.
+    /// Makes a background of a picture as a camera sees it; its noise is unknown.
     ///
     /// # Panics
     ///
-    /// When the planes of the picture do not have its size.
+    /// If the planes of the picture do not match its size.
     #[must_use]
     pub fn from_picture(picture: &Picture) -> Self {
         let mut denoised = Picture::new(picture.size);
@@ -58,12 +61,13 @@ impl BackgroundModel {
         }
     }
 
-    /// Reads a PNG or JPEG file: a floor, or a picture of one. If samples have 16 bits, `n_bits` of them are in use; not given,
-    /// what the file itself tells.
+    /// Reads a PNG or JPEG file: a background, or a picture of the floor. In samples of 16 bits,
+    /// `n_bits` bits are used; `None` takes the value from the file.
     ///
     /// # Errors
     ///
-    /// [`PictureError`] when the file cannot be read, is damaged, or is a picture with fully transparent parts.
+    /// [`PictureError`] if the file cannot be read, is damaged, or is a picture with fully
+    /// transparent parts.
     pub fn read(path: &Path, n_bits: Option<u8>) -> Result<Self, PictureError> {
         let file = read_file(path)?;
         if !file.starts_with(png::SIGNATURE) {
@@ -87,11 +91,12 @@ impl BackgroundModel {
         Ok(Self::from_picture(&png_picture(&png, n_bits)))
     }
 
-    /// The floor of a recording, as [`BackgroundModel::to_png`] wrote it, or a picture of one, if it has no alpha channel.
+    /// Reads the background of a recording as written by [`BackgroundModel::to_png`], or a picture
+    /// of the floor if it has no alpha channel.
     ///
     /// # Errors
     ///
-    /// When the bytes are no PNG file, or a damaged one.
+    /// If the bytes are not a PNG file or are damaged.
     pub fn from_png(png: &[u8]) -> Result<Self, PngError> {
         let png = Png::read(png)?;
         Ok(match png.alpha() {
@@ -107,11 +112,11 @@ impl BackgroundModel {
         }
     }
 
-    /// The floor as a PNG file, from which it is read back as it is.
+    /// The background as a PNG file, which is read back without loss.
     ///
     /// # Panics
     ///
-    /// When the floor is empty, or its planes or its noise do not have its size.
+    /// If the background is empty, or its planes or its noise do not match its size.
     #[must_use]
     pub fn to_png(&self) -> Vec<u8> {
         let Picture {
@@ -128,7 +133,7 @@ impl BackgroundModel {
         png::write(*size, ::png::ColorType::Rgba, &pixels, Some(MARK))
     }
 
-    /// The noise that half of the pixels do not exceed, in grey levels; `None` where it is unknown.
+    /// Median noise in grey levels; `None` if unknown.
     #[must_use]
     pub fn median_noise(&self) -> Option<f32> {
         let mut known: Vec<u8> = self.noise.iter().copied().filter(|&n| n > 0).collect();
@@ -141,18 +146,18 @@ impl BackgroundModel {
     }
 }
 
-/// Whether an alpha channel may be that of a floor that an older version learned: it knew the noise of each pixel, and of hardly any a
-/// great one.
+/// Whether an alpha channel may be that of a background learned by an older version: the noise of
+/// every pixel is known, and is rarely high.
 fn may_be_noise(alpha: &[u8]) -> bool {
     let n_noisy = alpha.iter().filter(|&&alpha| alpha < 128).count();
     alpha.iter().all(|&alpha| alpha < 255) && n_noisy <= alpha.len() / NOISY_SHARE
 }
 
-/// Removes the noise of single pixels, before pictures are compared.
+/// Removes the noise of single pixels before pictures are compared.
 ///
 /// # Panics
 ///
-/// When the pictures have different sizes, or their planes do not have them.
+/// If the sizes of the pictures differ, or their planes do not match them.
 pub(crate) fn denoise(picture: &Picture, out: &mut Picture) {
     median_3x3(&picture.red, picture.size, &mut out.red);
     median_3x3(&picture.green, picture.size, &mut out.green);
@@ -173,7 +178,7 @@ mod tests {
         height: 5,
     };
 
-    /// Every value of each plane is another one.
+    /// All values of a plane are different.
     fn picture() -> Picture {
         let plane = |first: u8| {
             (0..SIZE.area())
@@ -194,7 +199,7 @@ mod tests {
             picture: picture(),
             noise: (0..SIZE.area()).map(|i| 7 * i as u8).collect(),
         };
-        // Neither unknown noise nor the greatest takes the colour away.
+        // Neither unknown nor maximum noise changes the colour.
         floor.noise[20] = 255;
         let png = floor.to_png();
         assert_eq!(BackgroundModel::from_png(&png).expect("own PNG"), floor);
@@ -228,7 +233,7 @@ mod tests {
         BackgroundModel::read(&path, None)
     }
 
-    /// A picture with an alpha channel, as any program writes it.
+    /// A picture with an alpha channel, as other programs write it.
     fn with_alpha(alpha: &[u8], text: Option<(&str, &str)>) -> Vec<u8> {
         let picture = picture();
         let colours = picture.red.iter().zip(&picture.green).zip(&picture.blue);
@@ -250,12 +255,12 @@ mod tests {
     }
 
     #[test]
-    fn a_floor_of_an_older_version_is_told_by_its_noise() {
+    fn a_floor_of_an_older_version_is_recognised_by_its_noise() {
         let alpha: Vec<u8> = (0..SIZE.area()).map(|i| 240 + (i % 5) as u8).collect();
         let floor = read(&with_alpha(&alpha, None)).expect("an old floor");
         assert_eq!(floor.picture, picture());
         assert_eq!(floor.noise[4], 255 - 244);
-        // Whoever writes texts into files is another program.
+        // Text chunks come from other programs.
         let other = with_alpha(&alpha, Some(("Software", "a paint program")));
         let floor = read(&other).expect("a picture");
         assert_eq!(floor, BackgroundModel::from_picture(&picture()));

@@ -1,9 +1,12 @@
-//! The part of the picture that is floor: whatever else a camera sees, walls, tables, a door, is not looked at.
+//! The part of the picture that is floor. Everything else in view (walls, tables, a door) is
+//! ignored.
 //!
-//! A region is drawn over a picture of the floor in any paint program: light where the floor is, dark or transparent elsewhere. What
-//! lies outside is taken out of the mask before shapes are searched, so that an object across the border is cut at it.
+//! A region is a mask image, drawn over a picture of the floor in any paint program: light pixels
+//! are floor; dark or transparent pixels are ignored. The mask is cleared outside the region before
+//! shapes are searched, so an object across the border is clipped.
 //!
-//! Deliberately absent: several regions, names and polygons. A planner that wants them has the positions.
+//! Deliberately absent: several regions, names and polygons. A planner that needs them has the
+//! positions.
 
 use std::path::Path;
 
@@ -13,35 +16,35 @@ use crate::image::frame::Picture;
 use crate::image::picture_file::{PictureError, png_picture, read_with_alpha};
 use crate::image::png::{self, Png, PngError};
 
-/// Brightness from which on a pixel of the drawing is floor.
+/// Minimum brightness of a floor pixel in the drawing.
 const LIGHT: u16 = 128;
 
-/// Alpha from which on a pixel of the drawing counts; what is more transparent was not drawn.
+/// Minimum alpha of a floor pixel in the drawing; pixels that are more transparent were not drawn.
 const DRAWN: u8 = 128;
 
 /// Which pixels are floor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Region {
     size: Size,
-    /// 1 where a pixel is floor, 0 elsewhere.
+    /// 1 for floor pixels, otherwise 0.
     floor: Vec<u8>,
 }
 
 /// Why a region cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RegionError {
-    /// The file is no picture that can be read.
+    /// The file cannot be read as a picture.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// The region in a recording is no picture that can be read.
+    /// The region in a recording cannot be decoded.
     #[error("{name}: the region in it cannot be read ({source}); name another one with --region")]
     Png {
         /// The recording.
         name: String,
-        /// What the decoder says.
+        /// Error of the decoder.
         source: PngError,
     },
-    /// It was drawn for other frames.
+    /// It was drawn for frames of another size.
     #[error(
         "region {name}: it is {} x {}, but the frames are {} x {}; draw it over one of these frames",
         found.width, found.height, expected.width, expected.height
@@ -54,7 +57,7 @@ pub enum RegionError {
         /// Size of the frames.
         expected: Size,
     },
-    /// Nothing is left to look at.
+    /// The region is empty.
     #[error(
         "region {name}: nothing in it is light and opaque, so nothing would be looked at; draw the floor white and the rest black"
     )]
@@ -65,22 +68,22 @@ pub enum RegionError {
 }
 
 impl Region {
-    /// Reads a PNG or JPEG file that was drawn for frames of a size.
+    /// Reads a PNG or JPEG file that was drawn for frames of the given size.
     ///
     /// # Errors
     ///
-    /// [`RegionError`] when the file cannot be read, has another size, or nothing in it is light.
+    /// [`RegionError`] if the file cannot be read, its size differs, or no pixel in it is light.
     pub fn read(path: &Path, frames: Size) -> Result<Self, RegionError> {
         let name = path.display().to_string();
         let (picture, alpha) = read_with_alpha(path, None)?;
         Self::from_picture(&picture, alpha.as_deref(), &name, frames)
     }
 
-    /// Takes the region of the recording `name`, as [`Region::to_png`] wrote it.
+    /// Reads the region of the recording `name`, as written by [`Region::to_png`].
     ///
     /// # Errors
     ///
-    /// [`RegionError`] when it cannot be read, has another size, or nothing in it is light.
+    /// [`RegionError`] if it cannot be decoded, its size differs, or no pixel in it is light.
     pub fn from_png(png: &[u8], name: &str, frames: Size) -> Result<Self, RegionError> {
         let png = Png::read(png).map_err(|source| RegionError::Png {
             name: name.to_owned(),
@@ -123,18 +126,18 @@ impl Region {
         })
     }
 
-    /// The region as a PNG file, white and black.
+    /// The region as a black and white PNG file.
     ///
     /// # Panics
     ///
-    /// When the PNG encoder refuses it, which it does not do to a picture that could be read.
+    /// If the PNG encoder rejects it, which cannot happen for a picture that was read.
     #[must_use]
     pub fn to_png(&self) -> Vec<u8> {
         let pixels: Vec<u8> = self.floor.iter().map(|&floor| 255 * floor).collect();
         png::write(self.size, ::png::ColorType::Grayscale, &pixels, None)
     }
 
-    /// Size of the frames that it belongs to.
+    /// Size of the frames that it applies to.
     #[must_use]
     pub fn size(&self) -> Size {
         self.size
@@ -147,11 +150,11 @@ impl Region {
         floor as f64 / self.floor.len() as f64
     }
 
-    /// Takes everything that is no floor out of a mask.
+    /// Clears a mask outside of the floor.
     ///
     /// # Panics
     ///
-    /// When the mask has another size.
+    /// If the size of the mask differs.
     pub(crate) fn clear_outside(&self, mask: &mut [u8]) {
         assert_eq!(mask.len(), self.floor.len(), "a mask has another size");
         for (mask, floor) in mask.iter_mut().zip(&self.floor) {

@@ -1,12 +1,14 @@
-//! The floor that frames are compared with, kept true from frame to frame.
+//! The background that frames are compared with, kept up to date.
 //!
-//! What is known of the floor changes in four ways, none of which can make a parked robot part of it:
+//! The background changes in four ways, none of which can absorb a parked robot:
 //!
-//! * Where the floor is seen, it follows the frames slowly ([`BackgroundUpdate::follow`]). Where something stands, it is scaled as the
-//!   floor beside it is: light that moves over a room goes on under a robot.
-//! * When the light has changed at once, a coarse field of ratios is fitted to all that is not covered
-//!   ([`BackgroundUpdate::relight`]). The floor in the light before is remembered, and returns with that light ([`BackgroundUpdate::recall`]).
-//! * What turned out to be floor is taken over from the frame ([`BackgroundUpdate::take`]): a place that an object has left.
+//! * Where the floor is visible, it follows the frames slowly ([`BackgroundUpdate::follow`]). Where
+//!   it is covered, it is scaled like the floor next to it: light that moves across a room also
+//!   moves across the floor under a robot.
+//! * When the illumination has changed abruptly, a coarse field of ratios is fitted to all
+//!   uncovered pixels ([`BackgroundUpdate::relight`]). The background before the change is
+//!   remembered, and restored when its illumination returns ([`BackgroundUpdate::recall`]).
+//! * A place that an object has left is copied from the frame ([`BackgroundUpdate::take`]).
 //! * A new picture replaces everything ([`BackgroundUpdate::set`]).
 
 use imgproc::difference::{Colour, Gains, NoiseSettings, Reference, ReferenceMut, prepare};
@@ -16,34 +18,35 @@ use crate::background::illumination::fit;
 use crate::background::model::BackgroundModel;
 use crate::image::frame::Picture;
 
-/// In this many frames every row is looked after once.
+/// Every row is updated once in this many frames.
 const BANDS: usize = 32;
 
-/// The floor moves by this share towards the frame each time.
+/// An update moves the background towards the frame by 1/`FOLLOW` of the difference.
 const FOLLOW: i32 = 16;
 
-/// And by no more than this, in 256ths of a level: a quarter of a level.
+/// Maximum step of an update, in 256ths of a level: a quarter of a level.
 const FOLLOW_MAX: i32 = 64;
 
-/// Side of the cells in which light is taken as one, in pixels.
+/// Side of the cells over which the illumination is treated as uniform, in pixels.
 const CELL: usize = 32;
 
-/// Most cells in a row or column: pictures that are larger have larger cells.
+/// Maximum number of cells in a row or column; larger pictures have larger cells.
 const CELLS_MAX: usize = 32;
 
-/// Least share of a cell that must be seen to tell its light.
+/// A cell has a ratio of its own if at least one in this many of its pixels is visible.
 const SEEN_MIN: usize = 4;
 
-/// A remembered floor must explain so much more of a frame, as a share of the picture.
+/// A remembered background must explain this much more of a frame, as a share of the picture.
 const RECALL_MIN: f32 = 0.1;
 
-/// A pixel is explained by a floor within so many levels.
+/// A background explains a pixel if they differ by less than this many levels.
 const SAME_WITHIN: f32 = 6.0;
 
-/// One pixel in so many is asked what explains a frame; no divisor of usual widths.
+/// One pixel in this many is tested for whether the background explains it; not a divisor of common
+/// image widths.
 const SAME_STRIDE: usize = 37;
 
-/// What pixels vary without anything standing on them, see [`NoiseSettings`].
+/// Normal variation of floor pixels, see [`NoiseSettings`].
 const NOISE: NoiseSettings = NoiseSettings {
     min: 1.5,
     light: 0.01,
@@ -51,13 +54,13 @@ const NOISE: NoiseSettings = NoiseSettings {
     displacement_px: 0.5,
 };
 
-/// The floor and what comparing needs of it.
+/// The background, with the derived data needed for comparison.
 #[derive(Debug)]
 pub(crate) struct BackgroundUpdate {
     size: Size,
     /// Red, green and blue in 256ths of a level.
     channels: [Vec<u16>; 3],
-    /// The floor in the light before the last change, if `remembers`.
+    /// The background before the last change of illumination, if `remembers`.
     remembered: [Vec<u16>; 3],
     remembers: bool,
     noise: Vec<u8>,
@@ -73,7 +76,7 @@ impl BackgroundUpdate {
     pub(crate) fn new(floor: &BackgroundModel) -> Self {
         let size = floor.picture.size;
         let fine = || vec![0u16; size.area()];
-        let mut upkeep = Self {
+        let mut update = Self {
             size,
             channels: [fine(), fine(), fine()],
             remembered: [fine(), fine(), fine()],
@@ -86,15 +89,15 @@ impl BackgroundUpdate {
             colour_scale: vec![0; size.area()],
             next_row: 0,
         };
-        upkeep.set(floor);
-        upkeep
+        update.set(floor);
+        update
     }
 
-    /// Forgets everything but this floor.
+    /// Resets everything to this background.
     ///
     /// # Panics
     ///
-    /// When it has another size.
+    /// If its size differs.
     pub(crate) fn set(&mut self, floor: &BackgroundModel) {
         let picture = &floor.picture;
         assert_eq!(picture.size, self.size, "a floor has another size");
@@ -110,7 +113,7 @@ impl BackgroundUpdate {
         self.prepare(0, self.size.height);
     }
 
-    /// The floor as it is now, rounded to whole levels.
+    /// The current background, rounded to whole levels.
     pub(crate) fn floor(&self) -> BackgroundModel {
         let [red, green, blue] = [0, 1, 2].map(|i: usize| {
             let levels = self.channels[i].iter();
@@ -129,7 +132,7 @@ impl BackgroundUpdate {
         }
     }
 
-    /// What frames are compared with.
+    /// The reference that frames are compared with.
     pub(crate) fn reference(&self) -> Reference<'_> {
         Reference {
             level: &self.level,
@@ -145,7 +148,7 @@ impl BackgroundUpdate {
         &self.channels
     }
 
-    /// Keeps a copy of the floor as it is, for when its light returns.
+    /// Keeps a copy of the background for when its illumination returns.
     pub(crate) fn remember(&mut self) {
         for (kept, channel) in self.remembered.iter_mut().zip(&self.channels) {
             kept.copy_from_slice(channel);
@@ -153,7 +156,8 @@ impl BackgroundUpdate {
         self.remembers = true;
     }
 
-    /// Exchanges the floor for the remembered one if that explains more of the frame. Whether it does.
+    /// Swaps the background with the remembered one if that explains more of the frame. Returns
+    /// whether it did.
     pub(crate) fn recall(&mut self, frame: &Picture, covered: &[u8]) -> bool {
         let better = self.remembers
             && share_alike(frame, &self.remembered, covered)
@@ -165,7 +169,8 @@ impl BackgroundUpdate {
         better
     }
 
-    /// Moves a band of rows towards the frame, where `covered` is 0; elsewhere the floor changes as its neighbours do.
+    /// Updates a band of rows from the frame where `covered` is 0; covered pixels are scaled like
+    /// their neighbours.
     pub(crate) fn follow(&mut self, frame: &Picture, gains: Gains, covered: &[u8]) {
         let Size { width, height } = self.size;
         let first = self.next_row;
@@ -175,7 +180,8 @@ impl BackgroundUpdate {
         let planes = [&frame.red, &frame.green, &frame.blue];
         for ((channel, plane), to_floor) in self.channels.iter_mut().zip(planes).zip(to_floor) {
             let mut band = (0u64, 0u64);
-            // The band's own ratio is known after it only; cells that are wholly covered have the one so far.
+            // The ratio of the band is complete only after its last cell; fully covered cells use
+            // the ratio so far.
             for start in (0..width).step_by(CELL) {
                 let columns = start..(start + CELL).min(width);
                 let (mut before, mut after, mut seen) = (0u64, 0u64, 0usize);
@@ -212,8 +218,8 @@ impl BackgroundUpdate {
         self.prepare(first, end);
     }
 
-    /// Fits the floor to a light that falls otherwise than before: a smooth field of ratios, one a channel, from all that is not
-    /// covered.
+    /// Fits the background to a changed spatial distribution of light: a smooth field of ratios per
+    /// channel, estimated from all uncovered pixels.
     pub(crate) fn relight(&mut self, frame: &Picture, gains: Gains, covered: &[u8]) {
         let Size { width, height } = self.size;
         let cell = CELL.max(width.max(height).div_ceil(CELLS_MAX));
@@ -261,7 +267,8 @@ impl BackgroundUpdate {
         self.prepare(0, height);
     }
 
-    /// Takes the frame for floor within `bounds`, where `shape`, a plane of the size of `bounds`, is not 0.
+    /// Copies the frame into the background within `bounds` where `shape`, a plane of the size of
+    /// `bounds`, is not 0.
     pub(crate) fn take(&mut self, frame: &Picture, gains: Gains, bounds: Bounds, shape: &[u8]) {
         let inverse = [gains.red, gains.green, gains.blue].map(|gain| 256.0 / gain.max(0.05));
         let planes = [&frame.red, &frame.green, &frame.blue];
@@ -304,7 +311,7 @@ impl BackgroundUpdate {
     }
 }
 
-/// Share of the frame that a floor explains, in whatever exposure, where `covered` is 0.
+/// Share of the pixels with `covered` 0 that a background explains, at any exposure.
 fn share_alike(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8]) -> f32 {
     let gains = fit(frame, floor, covered, Gains::NONE);
     let factors = [gains.red, gains.green, gains.blue].map(|gain| gain / 256.0);
@@ -328,7 +335,8 @@ fn share_alike(frame: &Picture, floor: &[Vec<u16>; 3], covered: &[u8]) -> f32 {
     n_alike as f32 / (n as f32).max(1.0)
 }
 
-/// The median of each cell and its neighbours, so that an object in one of them does not count; 1 where nothing is known.
+/// The median of each cell and its neighbours, so that an object in one of them has no effect; 1
+/// where unknown.
 fn smoothed(
     ratios: &[[Option<f32>; CELLS_MAX]; CELLS_MAX],
     columns: usize,

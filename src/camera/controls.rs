@@ -1,33 +1,37 @@
-//! Which of a camera's controls are locked, at what, and how that is told. What is decided here is a function of the values that
-//! the camera states; [`Camera::start`](crate::camera::Camera::start) asks, waits and writes.
+//! Selects the controls of a camera to lock, their values, and the report about it. All decisions
+//! here are functions of the values stated by the camera;
+//! [`Camera::start`](crate::camera::Camera::start) reads, waits and writes.
 //!
-//! An automatic that renews exposure or white balance moves every pixel away from the learned floor at once, and all of it becomes
-//! objects. Hence at the start:
+//! If an automatic adjusts exposure or white balance, every pixel deviates from the learned
+//! background at once, and everything becomes an object. Hence at the start:
 //!
-//! 1. What the user gives by hand is written, its automatic switched off before. It must be taken exactly, or the run does not start.
-//! 2. If automatics are on, frames are thrown away for a second, so that the automatics find their values on the real scene. An
-//!    automatic exposure may not slow the camera down meanwhile (`EXPOSURE_AUTO_PRIORITY`), since a rate is agreed on. Without
-//!    automatics nothing waits.
-//! 3. The values are read and the automatics switched off. Values that this has changed are written back. Those that still read the
-//!    same are not written: a camera that states an old value while it is automatic (many do, of the exposure) often
-//!    keeps the true one as long as nobody writes.
-//! 4. Everything is read again, and that is what is told. If the picture has become brighter or darker by more than
-//!    `BRIGHTNESS_RATIO_MAX`, the value that was read was not the true one: exposure and gain are left to the automatics again.
+//! 1. Values given by the user are written, after their automatic is switched off. They must be
+//!    accepted exactly, or the run does not start.
+//! 2. If automatics are on, frames are discarded for a second, so that the automatics settle on the
+//!    real scene. An automatic exposure must not reduce the frame rate meanwhile
+//!    (`EXPOSURE_AUTO_PRIORITY`), since a rate was negotiated. Without automatics there is no wait.
+//! 3. The values are read and the automatics switched off. Values changed by this are written back.
+//!    Unchanged ones are not written: while automatic, many cameras state an old exposure value,
+//!    and often keep the true one as long as nothing is written.
+//! 4. Everything is read again and reported. If the picture has become brighter or darker by more
+//!    than `BRIGHTNESS_RATIO_MAX`, the value read was wrong: exposure and gain are returned to the
+//!    automatics.
 //!
-//! A control that the camera does not have or refuses to change does not stop the run, unless its value was given by hand. When the
-//! camera is closed, everything that was written is put back, for the next program expects a camera that adapts itself; after a killed
-//! program the next run does that first (`written`).
+//! A control that the camera does not have or refuses to change does not stop the run, unless its
+//! value was given by the user. When the camera is closed, everything written is restored, since
+//! the next program expects a camera with working automatics; if the program was killed, the next
+//! run restores it first (`written`).
 //!
-//! A camera that was unplugged comes back with what it has after power-on. It gets the values at which it was locked, without another
-//! second of waiting.
+//! A camera that was unplugged returns with its power-on values. The locked values are written
+//! again, without another second of waiting.
 //!
 //! # Deliberately absent
 //!
-//! Brightness, contrast and the like, which stay as they are by themselves. The power line frequency, which is right or wrong for
-//! the place and not for us. Controls that only one maker's cameras have.
+//! Brightness, contrast and the like, which do not change by themselves. The power line frequency,
+//! which depends on the location. Vendor-specific controls.
 //!
-//! Source: Linux Media Subsystem Documentation, "User Controls" and "Camera Control Reference"; numbers from
-//! `linux/v4l2-controls.h`.
+//! Source: Linux Media Subsystem Documentation, "User Controls" and "Camera Control Reference";
+//! numbers from `linux/v4l2-controls.h`.
 
 mod written;
 
@@ -54,20 +58,22 @@ const EXPOSURE_AUTO_PRIORITY: u32 = CAMERA + 3;
 const FOCUS_ABSOLUTE: u32 = CAMERA + 10;
 const FOCUS_AUTO: u32 = CAMERA + 12;
 
-/// The menu item of `EXPOSURE_AUTO` that means neither time nor iris is automatic; switches are off at 0.
+/// The menu item of `EXPOSURE_AUTO` for which neither time nor iris is automatic; switches are off
+/// at 0.
 const EXPOSURE_MANUAL: i32 = 1;
 const OFF: i32 = 0;
 
-/// Most by which locking may change the mean of the picture, either way. Objects that come and go change it less, and a floor
-/// that was learned after the change does not mind so much.
+/// Maximum factor by which locking may change the mean of the picture, in either direction. Objects
+/// that come and go change it less, and a background learned after the change is not affected much.
 pub(crate) const BRIGHTNESS_RATIO_MAX: f64 = 1.25;
-/// A smaller change of the mean, of 255, is noise of a dark picture.
+/// A smaller change of the mean (0 to 255) is noise of a dark picture.
 const BRIGHTNESS_STEP_MIN: f64 = 8.0;
 
-/// What the user wants of a camera's controls. The default is to lock all of them at what the camera's automatics find.
+/// Controls requested by the user. The default is to lock all of them at the values found by the
+/// automatics.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ControlRequest {
-    /// Leave the automatics on, except of what is given here.
+    /// Leave the automatics on, except for the values given here.
     pub camera_auto: bool,
     /// Exposure time in microseconds.
     pub exposure_us: Option<u32>,
@@ -79,18 +85,18 @@ pub struct ControlRequest {
     pub focus: Option<i32>,
 }
 
-/// Why a value that was given by hand is not used.
+/// Reasons why a value given by the user cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ControlError {
-    /// The camera has no such control, or not to be set.
+    /// The camera has no such control, or it is read-only.
     #[error("has no {name} that can be set: leave {flag} out")]
     NotOffered {
-        /// What it is.
+        /// Name of the control.
         name: &'static str,
         /// The argument.
         flag: &'static str,
     },
-    /// The value is not one of those that the camera has.
+    /// The value is not in the range of the camera.
     #[error("{flag} {asked}: the camera has {min} to {max}{unit} in steps of {step}")]
     Range {
         /// The argument.
@@ -101,34 +107,34 @@ pub enum ControlError {
         min: i64,
         /// Largest value.
         max: i64,
-        /// From one value to the next.
+        /// Step between values.
         step: i64,
         /// The unit, if there is one.
         unit: &'static str,
     },
-    /// The camera did not let the value or its automatic be changed.
+    /// The camera refused to change the value or its automatic.
     #[error("{flag} {asked}: the camera refuses it ({source}): leave it out")]
     Refused {
         /// The argument.
         flag: &'static str,
         /// Its value.
         asked: i64,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The camera accepted the value and has another one.
-    #[error("{flag} {asked}: the camera has {taken} instead: give another value, or leave it out")]
+    /// The camera accepted the value but has another one.
+    #[error("{flag} {asked}: the camera has {actual} instead: give another value, or leave it out")]
     Changed {
         /// The argument.
         flag: &'static str,
         /// Its value.
         asked: i64,
-        /// What the camera says, in the argument's unit.
-        taken: String,
+        /// Value stated by the camera, in the argument's unit.
+        actual: String,
     },
 }
 
-/// Something of the camera that changes every pixel: a switch of its automatic, and what that decides.
+/// A setting that affects every pixel: the switch of its automatic, and the values it controls.
 struct Setting {
     name: &'static str,
     flag: &'static str,
@@ -136,17 +142,17 @@ struct Setting {
     automatic: u32,
     /// The automatic's value when it is off.
     off: i32,
-    /// Of the first, the user can give the value.
+    /// The user can give the first of them.
     values: &'static [Value],
-    /// Whether it makes the picture brighter or darker.
+    /// Whether it affects brightness.
     is_brightness: bool,
 }
 
-/// A control that is a quantity.
+/// A control with a numeric value.
 struct Value {
     id: u32,
     name: &'static str,
-    /// Of the unit, in one step of the control.
+    /// Size of one step of the control, in the unit.
     scale: i64,
     unit: &'static str,
 }
@@ -169,7 +175,7 @@ const SETTINGS: [Setting; 4] = [
         off: EXPOSURE_MANUAL,
         values: &[
             value(EXPOSURE_ABSOLUTE, "exposure", 100, " us"),
-            // Of older drivers, each with a unit of its own.
+            // For older drivers, each with a unit of its own.
             value(EXPOSURE, "exposure level", 1, ""),
         ],
         is_brightness: true,
@@ -212,32 +218,32 @@ const SETTINGS: [Setting; 4] = [
 struct Control {
     id: u32,
     range: ControlRange,
-    /// Unknown if the camera does not say.
+    /// `None` if the camera does not state it.
     value: Option<i32>,
 }
 
-/// Those of the controls named here that a camera has, as they stand at one moment.
+/// State of the relevant controls that a camera has.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Controls(Vec<Control>);
 
-/// A value to be written, or put back.
+/// A value to write or restore.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Change {
     pub(crate) id: u32,
     pub(crate) value: i32,
 }
 
-/// How the attempt to switch the automatics off went.
+/// Result of switching the automatics off.
 #[derive(Debug, Default)]
 pub(crate) struct Attempt {
-    /// Automatics that were switched off, and what the system said to those that could not be.
+    /// Automatics that were to be switched off, with the result of each.
     pub(crate) switched: Vec<(Change, io::Result<()>)>,
-    /// New brightness through old one, if locking changed it so much that it was undone.
+    /// Ratio of new to old brightness, if it was so large that locking was undone.
     pub(crate) undone_by: Option<f64>,
 }
 
 impl Controls {
-    /// Asks the camera.
+    /// Reads the controls from the camera.
     pub(crate) fn read(device: &Device) -> Self {
         let ids = SETTINGS.iter().flat_map(|setting| {
             let values = setting.values.iter().map(|value| value.id);
@@ -261,7 +267,7 @@ impl Controls {
         self.get(id)?.value
     }
 
-    /// Whether a setting has an automatic and it is not off.
+    /// Whether a setting has an automatic that is not off.
     fn is_automatic(&self, setting: &Setting) -> bool {
         self.get(setting.automatic)
             .is_some_and(|control| control.value != Some(setting.off))
@@ -272,7 +278,7 @@ impl Controls {
         self.get(setting.automatic).is_some() || values.any(|value| self.get(value.id).is_some())
     }
 
-    /// The changes that give the user what was given by hand.
+    /// The changes for the values given by the user.
     pub(crate) fn by_hand(&self, request: &ControlRequest) -> Result<Vec<Change>, ControlError> {
         let mut changes = Vec::new();
         for setting in &SETTINGS {
@@ -313,30 +319,30 @@ impl Controls {
         Ok(changes)
     }
 
-    /// Whether the camera has what was given by hand.
+    /// Checks whether the camera has the values given by the user.
     pub(crate) fn check_by_hand(&self, request: &ControlRequest) -> Result<(), ControlError> {
         for setting in &SETTINGS {
             let Some(asked) = (setting.asked)(request) else {
                 continue;
             };
             let value = &setting.values[0];
-            let taken = match self.value(value.id) {
+            let actual = match self.value(value.id) {
                 _ if self.is_automatic(setting) => "its automatic on".to_owned(),
-                Some(taken) if i64::from(taken) * value.scale != asked => {
-                    format!("{}{}", i64::from(taken) * value.scale, value.unit)
+                Some(actual) if i64::from(actual) * value.scale != asked => {
+                    format!("{}{}", i64::from(actual) * value.scale, value.unit)
                 }
                 _ => continue,
             };
             return Err(ControlError::Changed {
                 flag: setting.flag,
                 asked,
-                taken,
+                actual,
             });
         }
         Ok(())
     }
 
-    /// The automatics that are to be switched off once they have found their values.
+    /// The automatics to switch off after they have settled.
     pub(crate) fn to_switch_off(&self, request: &ControlRequest) -> Vec<Change> {
         let to_lock = |setting: &&Setting| {
             !request.camera_auto && (setting.asked)(request).is_none() && self.is_automatic(setting)
@@ -345,7 +351,8 @@ impl Controls {
         settings.map(Setting::switch_off).collect()
     }
 
-    /// What keeps an automatic exposure from slowing the camera down, if one is to be locked.
+    /// The change that prevents an automatic exposure from reducing the frame rate, if it is to be
+    /// locked.
     pub(crate) fn to_keep_rate(&self, switch_off: &[Change]) -> Option<Change> {
         let is_locked = switch_off.iter().any(|change| change.id == EXPOSURE_AUTO);
         let is_slowed = self
@@ -357,7 +364,7 @@ impl Controls {
         })
     }
 
-    /// The values that were others `before` the automatics were switched off.
+    /// The values that differ from those `before` the automatics were switched off.
     pub(crate) fn to_put_back(&self, before: &Self, request: &ControlRequest) -> Vec<Change> {
         let is_locked =
             |setting: &&Setting| (setting.asked)(request).is_none() && !self.is_automatic(setting);
@@ -372,8 +379,8 @@ impl Controls {
             .collect()
     }
 
-    /// What makes a camera that stands at `now` stand as it does here, except for what is automatic here: the automatics that are to be
-    /// switched off, and once they are off, the values.
+    /// The changes that restore this state on a camera in the state `now`, except for what is
+    /// automatic here: first the automatics to switch off, and once they are off, the values.
     pub(crate) fn to_set_again(&self, now: &Self) -> Vec<Change> {
         let is_fixed = |setting: &&Setting| self.has(setting) && !self.is_automatic(setting);
         let fixed = || SETTINGS.iter().filter(is_fixed);
@@ -394,7 +401,8 @@ impl Controls {
             .collect()
     }
 
-    /// What a person should know, in one line: which settings are locked at which values, and which are not and why.
+    /// Report for the user in one line: the locked settings with their values, and those not locked
+    /// with the reason.
     pub(crate) fn report(&self, request: &ControlRequest, attempt: &Attempt) -> String {
         let [mut locked, mut given, mut fixed, mut automatic, mut missing] = [const { vec![] }; 5];
         for setting in &SETTINGS {
@@ -441,7 +449,7 @@ impl Controls {
         parts.join("; ")
     }
 
-    /// The values of a setting, with units; its name alone if the camera does not say.
+    /// The values of a setting, with units; only its name if the camera does not state them.
     fn values_text(&self, setting: &Setting) -> String {
         let values: Vec<String> = setting
             .values
@@ -460,7 +468,8 @@ impl Controls {
         }
     }
 
-    /// A line for each value that a camera has, with its range, and for an automatic without one.
+    /// One line for each value that a camera has, with its range, and for each automatic without a
+    /// value.
     pub(crate) fn describe(&self) -> Vec<String> {
         let mut lines = Vec::new();
         for setting in SETTINGS.iter().filter(|setting| self.has(setting)) {
@@ -506,7 +515,7 @@ impl Setting {
     }
 }
 
-/// What the user gave by hand that led to a change.
+/// The error for a change that was refused, in terms of the user's argument.
 pub(crate) fn refused(change: Change, request: &ControlRequest, source: io::Error) -> ControlError {
     let setting = SETTINGS
         .iter()
@@ -521,7 +530,7 @@ pub(crate) fn refused(change: Change, request: &ControlRequest, source: io::Erro
     }
 }
 
-/// New brightness through old one (means, of 255), if that is more than a scene changes by itself.
+/// Ratio of new to old brightness (means, 0 to 255), if it exceeds normal changes of a scene.
 pub(crate) fn brightness_jump(before: f64, after: f64) -> Option<f64> {
     let ratio = after.max(1.0) / before.max(1.0);
     let is_jump = ratio.max(1.0 / ratio) > BRIGHTNESS_RATIO_MAX

@@ -1,4 +1,4 @@
-//! `overcam devices`: the cameras of this machine, what each offers, and which controls it has that are locked.
+//! `overcam devices`: the cameras of this machine, their modes, and their lockable controls.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -8,15 +8,15 @@ use crate::camera::negotiation::{readable, text};
 use crate::camera::v4l2::{Device, FourCc, Sizes};
 use crate::camera::{nodes, not_capturing, open_error, stable_names};
 
-/// Where the kernel puts its nodes.
+/// Folder of the device nodes.
 const FOLDER: &str = "/dev";
 
-/// Prints each camera with its formats, sizes, rates and controls. Nodes that are no cameras or cannot be opened are listed with the
-/// reason.
+/// Prints each camera with its formats, sizes, rates and controls. Nodes that are not cameras or
+/// cannot be opened are listed with the reason.
 ///
 /// # Errors
 ///
-/// When `out` cannot be written.
+/// If writing to `out` fails.
 pub fn list(out: &mut impl Write) -> io::Result<()> {
     list_folder(Path::new(FOLDER), out)
 }
@@ -91,11 +91,11 @@ fn describe_node(path: &Path, out: &mut impl Write) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Prints a format with a line for each size and its rates.
+/// Prints a format, with a line for each size and its rates.
 fn describe_format(device: &Device, fourcc: FourCc, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "  {}", text(fourcc))?;
     for sizes in device.sizes(fourcc) {
-        // A grid's rates are those of its largest size, which all smaller ones reach too.
+        // The rates of a grid are those of its largest size, which all smaller ones also reach.
         let (Sizes::One(size) | Sizes::Grid { max: size, .. }) = sizes;
         let intervals = device.intervals(fourcc, size);
         let rates: Vec<String> = intervals.iter().map(ToString::to_string).collect();

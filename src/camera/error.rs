@@ -1,4 +1,4 @@
-//! Why a camera cannot be used, or can no longer.
+//! Errors of cameras.
 
 use std::io;
 use std::path::Path;
@@ -9,10 +9,10 @@ use crate::camera::controls::ControlError;
 use crate::camera::v4l2::FailedCall;
 use crate::image::frame::PixelFormat;
 
-/// Why a camera cannot be used, or can no longer.
+/// Reasons why a camera cannot be used, or no longer.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    /// There is no such file.
+    /// The file does not exist.
     #[error("{path}: no such camera: `overcam devices` lists those that are there")]
     Missing {
         /// The node.
@@ -24,7 +24,7 @@ pub enum CameraError {
         /// The node.
         path: String,
     },
-    /// The user may not open the node.
+    /// No permission to open the node.
     #[error(
         "{path}: no permission: join the group that owns it \
          (`sudo usermod -aG video $USER`, then log in again)"
@@ -39,7 +39,7 @@ pub enum CameraError {
         /// The node.
         path: String,
     },
-    /// The node does not capture video, or not in a way that is read here.
+    /// The node does not capture video, or not in a supported way.
     #[error("{path}: not a camera: it {what}: `overcam devices` lists the cameras")]
     NotACamera {
         /// The node and its card.
@@ -47,27 +47,27 @@ pub enum CameraError {
         /// What it does instead.
         what: &'static str,
     },
-    /// The camera does not offer a format that is read here or the one that was wished.
-    #[error("{path}: does not offer {wished}: it offers {offered}")]
+    /// The camera does not offer a supported format, or not the requested one.
+    #[error("{path}: does not offer {requested}: it offers {offered}")]
     Format {
         /// The node and its card.
         path: String,
-        /// What was looked for.
-        wished: String,
+        /// The requested formats.
+        requested: String,
         /// All the camera's formats.
         offered: String,
     },
-    /// The camera does not offer the wished size.
+    /// The camera does not offer the requested size.
     #[error("{path}: does not offer {}x{} pixels: it offers {offered}", size.width, size.height)]
     Size {
         /// The node and its card.
         path: String,
-        /// What was wished.
+        /// The requested size.
         size: Size,
-        /// The camera's sizes, or the one it would give.
+        /// The camera's sizes, or the one it would use.
         offered: String,
     },
-    /// The driver states a layout of frames that cannot be.
+    /// The driver states an impossible frame layout.
     #[error(
         "{path}: its driver states {bytes_per_line} bytes a row and {size_image} a frame for \
          {}x{} pixels in {format:?}: try another format or size",
@@ -80,30 +80,30 @@ pub enum CameraError {
         format: PixelFormat,
         /// Size of the frames.
         size: Size,
-        /// From one row to the next.
+        /// Bytes from one row to the next.
         bytes_per_line: usize,
-        /// Of a buffer.
+        /// Bytes of a buffer.
         size_image: usize,
     },
-    /// A value that was given by hand cannot be had.
+    /// A value given by the user cannot be used.
     #[error("{path}: {reason}")]
     Control {
         /// The node and its card.
         path: String,
-        /// Which value, and why.
+        /// The value and the reason.
         reason: ControlError,
     },
-    /// Another request failed.
+    /// Another system call failed.
     #[error("{path}: {call} failed: {source}: unplug the camera and plug it in again")]
     Call {
         /// The node and its card.
         path: String,
-        /// Name of the request.
+        /// Name of the call.
         call: &'static str,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The camera delivers frames of two fields, half of its rows half a frame older than the other half.
+    /// The camera delivers interlaced frames, whose two fields are half a frame period apart.
     #[error(
         "{path}: delivers interlaced frames ({field}), in which all that moves is torn: switch the camera or its signal to \
          progressive (p, not i), or choose another --size"
@@ -111,40 +111,40 @@ pub enum CameraError {
     Interlaced {
         /// The node and its card.
         path: String,
-        /// How the fields are arranged, in the kernel's words.
+        /// Arrangement of the fields, in the kernel's terms.
         field: &'static str,
     },
     /// The camera has stopped delivering frames. It may come back.
     #[error("{loss}: {}", loss.remedy())]
     Lost {
-        /// How.
+        /// The kind of loss.
         loss: Loss,
     },
 }
 
-/// How a camera was lost while it ran.
+/// How a running camera was lost.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Loss {
-    /// It was unplugged or its driver gave up.
+    /// It was unplugged or its driver failed.
     #[error("{path}: the camera is gone after {n_frames} frames ({reason})")]
     Gone {
         /// The node and its card.
         path: String,
         /// Frames delivered before.
         n_frames: u64,
-        /// What the system says.
+        /// Error of the system.
         reason: String,
     },
-    /// No usable frame has come for a while.
+    /// No usable frame has arrived for a while.
     #[error("{path}: no frame for {seconds} s, after {n_frames} frames and {faulty} damaged ones")]
     Stalled {
         /// The node and its card.
         path: String,
-        /// How long.
+        /// Duration.
         seconds: u64,
         /// Frames delivered before.
         n_frames: u64,
-        /// Damaged ones before and since.
+        /// Damaged frames before and since.
         faulty: u64,
     },
 }
@@ -158,7 +158,7 @@ impl Loss {
     }
 }
 
-/// What opening a node as a device failed with.
+/// The error for a node that cannot be opened as a device.
 pub(crate) fn open_error(path: &Path, source: io::Error) -> CameraError {
     let path = path.display().to_string();
     match source.kind() {
@@ -174,7 +174,7 @@ pub(crate) fn open_error(path: &Path, source: io::Error) -> CameraError {
     }
 }
 
-/// What a request to an open camera failed with.
+/// The error for a failed request to an open camera.
 pub(super) fn call_error(name: &str, path: &Path, failed: FailedCall) -> CameraError {
     match failed.source.kind() {
         io::ErrorKind::ResourceBusy => CameraError::Busy {

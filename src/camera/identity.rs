@@ -1,8 +1,8 @@
-//! Which camera it is, so that the same one is found again when it comes back, perhaps under another number.
+//! Identifies a camera, so that it is found again after it returns, possibly at another node.
 //!
-//! The number of a node is given anew at every start and every plug. What stays is the name of the camera and the port where it is
-//! plugged in, which the driver states, and the links that udev makes below `/dev/v4l`: by-id, of maker and serial number, and by-path, of
-//! the port.
+//! Node numbers are assigned anew at every boot and every plug. The stable properties are the name
+//! of the camera and its port, which the driver states, and the links that udev creates below
+//! `/dev/v4l`: by-id, from vendor and serial number, and by-path, from the port.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,21 +10,21 @@ use std::path::{Path, PathBuf};
 use crate::camera::error::{CameraError, open_error};
 use crate::camera::v4l2::{Card, Device};
 
-/// Where udev puts links to nodes, the most telling first.
+/// Folders of udev links to nodes, most specific first.
 const LINK_FOLDERS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 
-/// What is known of a camera to find it again.
+/// Properties that identify a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Identity {
-    /// As the user named it.
+    /// Path given by the user.
     pub(super) given: PathBuf,
-    /// What links to its node below `/dev/v4l`.
+    /// Links to its node below `/dev/v4l`.
     links: Vec<PathBuf>,
     /// The camera's name.
     pub(super) card: String,
-    /// Where it is plugged in.
+    /// Its port.
     pub(super) bus: String,
-    /// Which of the nodes of that camera.
+    /// Index of the node among those of the camera.
     index: Option<String>,
 }
 
@@ -39,12 +39,13 @@ impl Identity {
         }
     }
 
-    /// Opens the camera under whatever name it has now: what the user gave, a link of its own, or any node that states the same
-    /// name and port. A link may lead to another port, but not to another camera.
+    /// Opens the camera at its current path: the one given by the user, one of its links, or any
+    /// node with the same name and port. A link may lead to another port, but not to another
+    /// camera.
     ///
     /// # Errors
     ///
-    /// Why it cannot be opened where it is, or [`CameraError::Missing`].
+    /// The reason why it cannot be opened, or [`CameraError::Missing`].
     pub(super) fn find(&self) -> Result<(Device, PathBuf), CameraError> {
         let mut refusal = CameraError::Missing {
             path: self.given.display().to_string(),
@@ -80,7 +81,7 @@ impl Identity {
     }
 }
 
-/// The links below `/dev/v4l` to the node that a path names.
+/// The links below `/dev/v4l` to the node of a path.
 pub(crate) fn stable_names(path: &Path) -> Vec<PathBuf> {
     let folders = LINK_FOLDERS.map(Path::new);
     folders
@@ -89,7 +90,7 @@ pub(crate) fn stable_names(path: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// The links in a folder to the node that a path names, in the order of their names.
+/// The links in a folder to the node of a path, sorted by name.
 fn links_to(path: &Path, folder: &Path) -> Vec<PathBuf> {
     let Ok(node) = path.canonicalize() else {
         return Vec::new();
@@ -103,7 +104,7 @@ fn links_to(path: &Path, folder: &Path) -> Vec<PathBuf> {
     links
 }
 
-/// Which of the nodes of its camera a node is, as the kernel counts them.
+/// Index of a node among those of its camera, as counted by the kernel.
 fn index(path: &Path) -> Option<String> {
     let node = path.canonicalize().ok()?;
     let folder = Path::new("/sys/class/video4linux").join(node.file_name()?);

@@ -1,5 +1,5 @@
-//! The first second of a camera: its automatics find their values and are switched off. What is decided, and why, is in
-//! [`crate::camera::controls`].
+//! The first second of a camera: its automatics settle and are switched off. For the rules and
+//! their reasons see [`crate::camera::controls`].
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,13 +13,15 @@ use crate::clock::monotonic_ns;
 use crate::image::frame::{Frame, Picture, decode};
 use crate::run::slot::Next;
 
-/// How long the automatics may look at the scene: at least so long, and so many frames.
+/// Minimum settling time of the automatics, as a duration and a number of frames.
 const SETTLING: (Duration, u32) = (Duration::from_secs(1), 8);
-/// How long until a change is seen: cameras apply it a few frames later, and frames exposed before are under way.
+/// Delay before a change takes effect: cameras apply it a few frames later, and frames exposed
+/// before are still queued.
 const TAKING_EFFECT: (Duration, u32) = (Duration::from_millis(300), 6);
 
 impl Camera {
-    /// Gives a camera that has just started what was given by hand and locks the rest. Returns early when `stop` is set.
+    /// Writes the values given by the user to a camera that has just started, and locks the rest.
+    /// Returns early if `stop` is set.
     pub(super) fn lock(&mut self, stop: &AtomicBool) -> Result<(), CameraError> {
         let request = self.control_request;
         let mut notes = self.take_over_state();
@@ -40,7 +42,7 @@ impl Camera {
         let switch_off = controls.to_switch_off(&request);
         if !switch_off.is_empty() {
             if let Some(change) = controls.to_keep_rate(&switch_off) {
-                // A camera that refuses this only gets a longer exposure.
+                // If a camera refuses this, the only effect is a longer exposure.
                 _ = self.write_control(change);
             }
             let mut frame = Frame::empty();
@@ -53,7 +55,7 @@ impl Camera {
                 attempt.switched.push((change, result));
             }
             for change in self.read_controls().to_put_back(&found, &request) {
-                // What the camera has now is read and told in any case.
+                // The actual state is read and reported in any case.
                 _ = self.write_control(change);
             }
             let Some(after) = self.brightness_after(TAKING_EFFECT, stop, &mut frame)? else {
@@ -75,10 +77,11 @@ impl Camera {
         Ok(())
     }
 
-    /// Gives a camera that was unplugged the values at which it was locked. What it refuses is said in [`Camera::info`].
+    /// Writes the locked values to a camera that was unplugged. [`Camera::info`] reports those it
+    /// refuses.
     pub(super) fn lock_again(&mut self) {
         let mut refused: Vec<String> = Vec::new();
-        // Values can be written once automatics are off.
+        // Values are writable only while automatics are off.
         for _ in 0..2 {
             for change in self.locked.to_set_again(&self.read_controls()) {
                 if let Err(error) = self.write_control(change) {
@@ -92,8 +95,8 @@ impl Camera {
         }
     }
 
-    /// Puts back what a killed program left in the camera, and keeps for the next one what this one overwrites. What a person should
-    /// know of it.
+    /// Restores values left over from a killed program, and stores those that this one overwrites.
+    /// Returns notes for the user.
     fn take_over_state(&mut self) -> Vec<String> {
         let camera = format!("{} {}", self.identity.card, self.identity.bus);
         let (Some(folder), Some(session)) = (state_folder(), &self.session) else {
@@ -128,7 +131,8 @@ impl Camera {
         }
     }
 
-    /// Throws frames away for so long, and so many, and returns how bright the last one is (mean, of 255); `None` if stopped.
+    /// Discards frames for this duration and number, and returns the brightness of the last one
+    /// (mean, 0 to 255); `None` if stopped.
     fn brightness_after(
         &mut self,
         (time, n_min): (Duration, u32),
@@ -144,7 +148,7 @@ impl Camera {
             }
             n += 1;
             let is_over = monotonic_ns() - start_ns >= time.as_nanos() as u64;
-            // A frame that is no picture is followed by one that is.
+            // If a frame cannot be decoded, the next one is used.
             if is_over && n >= n_min && decode(frame, &mut picture).is_ok() {
                 return Ok(Some(mean(&picture)));
             }
@@ -152,7 +156,7 @@ impl Camera {
         Ok(None)
     }
 
-    /// Counts from here: what came before was not delivered.
+    /// Resets the counts: earlier frames were not delivered.
     fn forget_frames(&mut self) {
         self.numbers = Numbers::default();
         self.n_frames = 0;

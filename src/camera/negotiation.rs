@@ -1,11 +1,14 @@
-//! Which of a camera's formats and sizes is asked for.
+//! Selects the format and size requested from a camera.
 //!
-//! What the user wishes must be given exactly, except for the rate, of which [`Camera::info`](crate::camera::Camera::info) says what the camera has chosen.
-//! Where no size is wished: the largest up to 1920x1080 that the camera gives at 25 frames/s or more, or at the wished rate if that is
-//! lower; if there is none, the fastest. Where no rate is wished, 30 frames/s are asked for. Of the formats in the size,
-//! the first in this order that reaches the rate is taken, or the fastest one if none does: YUYV, UYVY, NV12, YU12, RGB3,
-//! MJPG, JPEG. Raw formats come first because compression blurs the edges that positions are measured on; a camera that is fast
-//! only with MJPG gets MJPG. GREY is taken only if it is wished or the only one, because a grey frame has no hue.
+//! The user's requests must be met exactly, except for the rate;
+//! [`Camera::info`](crate::camera::Camera::info) returns the rate that the camera has chosen. If no
+//! size is requested: the largest up to 1920x1080 that the camera delivers at 25 frames/s or more,
+//! or at the requested rate if that is lower; if there is none, the fastest. The default rate is 30
+//! frames/s. Of the formats in this size, the first in this order that reaches the rate is used, or
+//! the fastest one if none does: YUYV, UYVY, NV12, YU12, RGB3, MJPG, JPEG. Raw formats come first
+//! because compression blurs the edges used for measuring positions; if a camera is fast only with
+//! MJPG, MJPG is used. GREY is used only if it is requested or the only one, because a grey frame
+//! has no hue.
 
 use imgproc::Size;
 
@@ -14,7 +17,7 @@ use crate::camera::request::CameraRequest;
 use crate::camera::v4l2::{Device, FourCc, Fraction, Intervals, Sizes};
 use crate::image::frame::PixelFormat;
 
-/// The formats read here, in order of preference.
+/// The supported formats, in order of preference.
 const READABLE: [(FourCc, PixelFormat); 8] = [
     (*b"YUYV", PixelFormat::Yuyv),
     (*b"UYVY", PixelFormat::Uyvy),
@@ -26,14 +29,14 @@ const READABLE: [(FourCc, PixelFormat); 8] = [
     (*b"GREY", PixelFormat::Grey),
 ];
 
-/// Largest size taken if none is wished.
+/// Maximum default size.
 const DEFAULT_SIZE_MAX: Size = Size {
     width: 1920,
     height: 1080,
 };
-/// Frames per second that the size taken must reach if none is wished.
+/// Minimum frames per second for the default size.
 const DEFAULT_SIZE_RATE_HZ: f64 = 25.0;
-/// Sizes taken into account where a camera offers all sizes between two.
+/// Sizes considered if a camera offers a continuous range.
 const COMMON_SIZES: [Size; 3] = [
     DEFAULT_SIZE_MAX,
     Size {
@@ -45,12 +48,12 @@ const COMMON_SIZES: [Size; 3] = [
         height: 480,
     },
 ];
-/// A hundredth less will do: 29.97 is what many cameras mean by 30.
+/// Tolerance: many cameras mean 29.97 by 30.
 const RATE_SHARE: f64 = 0.99;
-/// Frames per second asked for if none are wished.
+/// Default frames per second.
 pub(crate) const DEFAULT_RATE_HZ: f64 = 30.0;
 
-/// One frame in so many seconds, in a form that drivers compare well: 1/30, 100/2997.
+/// The frame interval for a rate, in a form that drivers compare well: 1/30, 100/2997.
 pub(crate) fn interval(rate_hz: f64) -> Fraction {
     let numerator = if rate_hz.fract() == 0.0 { 1 } else { 100 };
     Fraction {
@@ -59,14 +62,14 @@ pub(crate) fn interval(rate_hz: f64) -> Fraction {
     }
 }
 
-/// A layout that a camera offers, and the sizes in which it does; no sizes if it does not say.
+/// A format offered by a camera, with its sizes; no sizes if the camera does not state them.
 #[derive(Debug)]
 struct Offer {
     fourcc: FourCc,
     sizes: Vec<Sizes>,
 }
 
-/// What a camera is asked for.
+/// Mode requested from a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Choice {
     pub(crate) fourcc: FourCc,
@@ -74,11 +77,11 @@ pub(crate) struct Choice {
     pub(crate) size: Size,
 }
 
-/// Something that a camera may be asked for, and how fast it says to be then.
+/// A possible mode, and its maximum rate as stated by the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Mode {
     choice: Choice,
-    /// None if it does not say.
+    /// `None` if not stated.
     fastest_hz: Option<f64>,
 }
 
@@ -89,7 +92,8 @@ impl Mode {
     }
 }
 
-/// What to ask the camera for, and what else there is in other sizes, or why nothing that it offers will do.
+/// The mode to request and the alternatives in other sizes, or the reason why nothing offered is
+/// suitable.
 pub(crate) fn negotiate(
     device: &Device,
     name: &str,
@@ -121,7 +125,8 @@ pub(crate) fn negotiate(
     Ok((choice, modes(&offers, &any_size, fastest_hz)))
 }
 
-/// What a person should know of a camera that gives less than was asked for, or less than it could, a line each.
+/// Notes for the user if the camera delivers less than requested, or less than it could, one per
+/// line.
 pub(crate) fn notes(
     modes: &[Mode],
     request: &CameraRequest,
@@ -171,11 +176,11 @@ pub(crate) fn notes(
     notes
 }
 
-/// Says why nothing could be chosen: no such format, or not in the wished size.
+/// The error if no mode is suitable: no such format, or not in the requested size.
 fn refusal(offers: &[Offer], name: &str, request: &CameraRequest) -> CameraError {
     let fits = |offer: &&Offer| {
         let format = readable(offer.fourcc);
-        format.is_some_and(|format| request.format.is_none_or(|wished| wished == format))
+        format.is_some_and(|format| request.format.is_none_or(|requested| requested == format))
     };
     let mut sizes: Vec<String> = Vec::new();
     for size in offers.iter().filter(fits).flat_map(|offer| &offer.sizes) {
@@ -197,15 +202,15 @@ fn refusal(offers: &[Offer], name: &str, request: &CameraRequest) -> CameraError
         let names: Vec<String> = fourccs.map(text).collect();
         names.join(", ")
     };
-    let wished = READABLE
+    let requested = READABLE
         .iter()
-        .filter(|(_, format)| request.format.is_none_or(|wished| wished == *format))
+        .filter(|(_, format)| request.format.is_none_or(|requested| requested == *format))
         .map(|&(fourcc, _)| fourcc);
     CameraError::Format {
         path: name.to_owned(),
-        wished: match request.format {
-            Some(_) => names(&mut { wished }),
-            None => format!("any of {}", names(&mut { wished })),
+        requested: match request.format {
+            Some(_) => names(&mut { requested }),
+            None => format!("any of {}", names(&mut { requested })),
         },
         offered: match offers.is_empty() {
             true => "nothing".to_owned(),
@@ -214,8 +219,8 @@ fn refusal(offers: &[Offer], name: &str, request: &CameraRequest) -> CameraError
     }
 }
 
-/// Everything that is read here and agrees with the wish, in order of preference. `fastest_hz` is the highest rate in a layout and
-/// size, if the camera says.
+/// All supported modes that match the request, in order of preference. `fastest_hz` returns the
+/// maximum rate for a format and size, if the camera states it.
 fn modes(
     offers: &[Offer],
     request: &CameraRequest,
@@ -226,7 +231,7 @@ fn modes(
         let Some(offer) = offers.iter().find(|offer| offer.fourcc == fourcc) else {
             continue;
         };
-        if request.format.is_some_and(|wished| wished != format) {
+        if request.format.is_some_and(|requested| requested != format) {
             continue;
         }
         let mut sizes: Vec<Size> = offer
@@ -237,7 +242,7 @@ fn modes(
         if offer.sizes.is_empty() {
             sizes.push(request.size.unwrap_or(DEFAULT_SIZE_MAX));
         }
-        sizes.retain(|&size| request.size.is_none_or(|wished| wished == size));
+        sizes.retain(|&size| request.size.is_none_or(|requested| requested == size));
         modes.extend(sizes.into_iter().map(|size| Mode {
             choice: Choice {
                 fourcc,
@@ -256,10 +261,10 @@ fn modes(
     modes
 }
 
-/// The rule at the top of this file.
+/// Implements the rule in the module documentation.
 fn choose(modes: &[Mode], request: &CameraRequest) -> Option<Choice> {
     let fastest = |modes: &mut dyn Iterator<Item = &Mode>| {
-        // The first of those that are equally fast.
+        // The first of the fastest.
         modes.copied().reduce(|best, mode| {
             let hz = |mode: Mode| mode.fastest_hz.unwrap_or(f64::INFINITY);
             if hz(mode) > hz(best) { mode } else { best }
@@ -275,7 +280,7 @@ fn choose(modes: &[Mode], request: &CameraRequest) -> Option<Choice> {
             .filter(|mode| mode.reaches(least_hz))
             .max_by_key(|mode| mode.choice.size.area());
         let chosen = largest.copied().or_else(|| fastest(&mut usual));
-        // A camera that has larger pictures only.
+        // For cameras that offer only larger sizes.
         let chosen = chosen.or_else(|| modes.iter().min_by_key(|m| m.choice.size.area()).copied());
         chosen.map(|mode| mode.choice.size)
     })?;
@@ -286,21 +291,21 @@ fn choose(modes: &[Mode], request: &CameraRequest) -> Option<Choice> {
     Some(mode.choice)
 }
 
-/// Whether a size may be taken if none is wished.
+/// Whether a size may be used by default.
 fn is_default(size: Size) -> bool {
     size.width <= DEFAULT_SIZE_MAX.width && size.height <= DEFAULT_SIZE_MAX.height
 }
 
-/// The sizes that are worth asking for.
-fn sizes(offered: &Sizes, wished: Option<Size>) -> Vec<Size> {
-    match (offered, wished) {
+/// The sizes worth considering.
+fn sizes(offered: &Sizes, requested: Option<Size>) -> Vec<Size> {
+    match (offered, requested) {
         (&Sizes::One(size), _) => vec![size],
-        (grid, Some(wished)) => vec![nearest(grid, wished)],
+        (grid, Some(requested)) => vec![nearest(grid, requested)],
         (grid, None) => COMMON_SIZES.map(|size| nearest(grid, size)).to_vec(),
     }
 }
 
-/// The largest size offered that is not larger than the wanted one, or the smallest.
+/// The largest size offered that does not exceed `wanted`, or the smallest.
 fn nearest(sizes: &Sizes, wanted: Size) -> Size {
     match *sizes {
         Sizes::One(size) => size,
@@ -318,7 +323,7 @@ fn nearest(sizes: &Sizes, wanted: Size) -> Size {
     }
 }
 
-/// The format that a camera's four characters stand for, if it is read here.
+/// The pixel format of a FourCC, if it is supported.
 pub(crate) fn readable(fourcc: FourCc) -> Option<PixelFormat> {
     READABLE
         .iter()
@@ -326,7 +331,7 @@ pub(crate) fn readable(fourcc: FourCc) -> Option<PixelFormat> {
         .map(|&(_, format)| format)
 }
 
-/// A layout's four characters, those that cannot be printed replaced.
+/// A FourCC as text, with unprintable characters replaced.
 pub(crate) fn text(fourcc: FourCc) -> String {
     fourcc
         .iter()
@@ -354,7 +359,7 @@ mod tests {
         }
     }
 
-    /// A webcam as they are sold: raw frames are slow where they are large.
+    /// A typical webcam: raw formats are slow at large sizes.
     fn webcam() -> Vec<Offer> {
         vec![
             offer(b"H264", &[(1920, 1080)]),
@@ -406,7 +411,7 @@ mod tests {
         );
     }
 
-    /// Sizes of a camera without compression, and how fast each is.
+    /// Sizes of a camera without compression, and the rate of each.
     const RAW_HZ: [((usize, usize), f64); 4] = [
         ((320, 180), 60.0),
         ((640, 480), 25.0),
@@ -439,11 +444,11 @@ mod tests {
     }
 
     #[test]
-    fn what_a_camera_gives_instead_is_said() {
-        let said = |rate_hz, wished, given_hz| {
+    fn what_a_camera_gives_instead_is_reported() {
+        let notes_for = |rate_hz, requested, given_hz| {
             let request = CameraRequest {
                 rate_hz,
-                size: wished,
+                size: requested,
                 ..CameraRequest::default()
             };
             let given = size(640, 480);
@@ -463,22 +468,22 @@ mod tests {
         };
         let vga = Some(size(640, 480));
         assert_eq!(
-            said(Some(60.0), vga, 25.0),
+            notes_for(Some(60.0), vga, 25.0),
             [
                 "60 frames/s were asked for, and it gives 25 at 640x480; so fast it is with --size 320x180"
             ]
         );
         assert_eq!(
-            said(Some(100.0), vga, 25.0),
+            notes_for(Some(100.0), vga, 25.0),
             [
                 "100 frames/s were asked for, and it gives 25 at 640x480; `overcam devices` lists its rates"
             ]
         );
-        assert!(said(Some(25.0), vga, 25.0).is_empty());
-        assert!(said(Some(29.97), vga, 30.0).is_empty());
-        assert!(said(None, vga, 25.0).is_empty());
+        assert!(notes_for(Some(25.0), vga, 25.0).is_empty());
+        assert!(notes_for(Some(29.97), vga, 30.0).is_empty());
+        assert!(notes_for(None, vga, 25.0).is_empty());
         assert_eq!(
-            said(None, None, 25.0),
+            notes_for(None, None, 25.0),
             [
                 "it has larger pictures, 1920x1080 at 5 frames/s, which is slow; --size 1920x1080 takes them"
             ]
@@ -486,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn wishes_are_met_exactly_or_not_at_all() {
+    fn requests_are_met_exactly_or_not_at_all() {
         let request = |format, size| CameraRequest {
             format,
             size,

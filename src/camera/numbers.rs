@@ -1,11 +1,12 @@
-//! Numbers of frames, from a count that drivers keep each in its own way.
+//! Frame numbers from the driver's count, which differs between drivers.
 
-/// Frame numbers that count lost frames, made from a driver's 32-bit count.
+/// Frame numbers that include lost frames, from a driver's 32-bit count.
 #[derive(Debug, Default)]
 pub(super) struct Numbers {
-    /// The number of a buffer that follows without a gap.
+    /// The number of the next buffer if there is no gap.
     next: u64,
-    /// The driver's count of the last buffer, and whether that was the first since the camera was started.
+    /// The driver's count of the last buffer, and whether that was the first since the start of the
+    /// camera.
     last: Option<(u32, bool)>,
     /// Frames lost so far.
     pub(super) lost: u64,
@@ -14,8 +15,9 @@ pub(super) struct Numbers {
 impl Numbers {
     /// The number of the next buffer, from 0.
     ///
-    /// The step from the first buffer to the second is always taken as one: v4l2loopback gives the first a count of 0 and the
-    /// others their place since the sender's start. A count that stands still or goes back is no count, and taken as one too.
+    /// The step from the first buffer to the second always counts as one: v4l2loopback gives the
+    /// first a count of 0 and the others their position since the start of the sender. A count that
+    /// does not increase is invalid, and also counts as one.
     pub(super) fn next(&mut self, count: u32) -> u64 {
         let lost = match self.last {
             Some((last, false)) => match count.wrapping_sub(last) {
@@ -31,8 +33,8 @@ impl Numbers {
         number
     }
 
-    /// The camera is started again, and its count with it. Numbers go on; how many frames there would have been meanwhile, nobody
-    /// knows.
+    /// Restarts with the camera, whose count restarts too. Numbers continue; the number of frames
+    /// missed meanwhile is unknown.
     pub(super) fn restart(&mut self) {
         self.last = None;
     }

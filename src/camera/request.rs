@@ -1,16 +1,17 @@
-//! What a user may ask of a camera.
+//! User requests to a camera.
 
 use imgproc::Size;
 
 use crate::camera::controls::ControlRequest;
 use crate::image::frame::PixelFormat;
 
-/// What the user wants of a camera. `None` leaves the choice to [`Camera::open`](crate::camera::Camera::open).
+/// Settings requested by the user. `None` leaves the choice to
+/// [`Camera::open`](crate::camera::Camera::open).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CameraRequest {
     /// Size of the frames.
     pub size: Option<Size>,
-    /// Frames per second; the camera gives the nearest that it can.
+    /// Frames per second; the camera uses the nearest possible rate.
     pub rate_hz: Option<f64>,
     /// Layout of the frames.
     pub format: Option<PixelFormat>,
@@ -19,7 +20,7 @@ pub struct CameraRequest {
 }
 
 impl CameraRequest {
-    /// Names of the arguments that it was made from.
+    /// Names of the arguments that were given.
     pub(crate) fn flags(&self) -> impl Iterator<Item = &'static str> {
         let given = [
             ("--size", self.size.is_some()),

@@ -1,4 +1,4 @@
-//! Where the pixels lie in a driver's buffer: rows may be padded.
+//! Layout of the pixels in a driver's buffer, whose rows may be padded.
 
 use std::iter;
 use std::ops::Range;
@@ -7,8 +7,9 @@ use imgproc::Size;
 
 use crate::image::frame::PixelFormat;
 
-/// Where the pixels lie in a buffer whose rows are `bytes_per_line` bytes apart (0: without padding): one range for each row,
-/// or a single one if there is no padding, in the order of [`PixelFormat`]. No ranges for JPEG. `None` if rows overlap.
+/// Byte ranges of the pixels in a buffer with a stride of `bytes_per_line` (0: without padding):
+/// one range per row, or a single one if there is no padding, in the order of [`PixelFormat`]. No
+/// ranges for JPEG. `None` if rows overlap.
 pub(super) fn rows(
     format: PixelFormat,
     size: Size,
@@ -16,7 +17,8 @@ pub(super) fn rows(
 ) -> Option<Vec<Range<usize>>> {
     let Size { width, height } = size;
     let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
-    // Bytes of a row, rows, and how often the first plane's distance between rows contains this plane's.
+    // For each plane: bytes per row, number of rows, and the divisor of the stride of the first
+    // plane.
     let planes: &[(usize, usize, usize)] = match format {
         PixelFormat::Grey => &[(width, height, 1)],
         PixelFormat::Rgb => &[(3 * width, height, 1)],
@@ -66,7 +68,7 @@ mod tests {
 
     #[test]
     fn padding_is_left_out() {
-        // 4x2 pixels, 6 bytes from row to row.
+        // 4x2 pixels, stride 6 bytes.
         assert_eq!(
             rows(PixelFormat::Grey, size(4, 2), 6),
             Some(vec![0..4, 6..10])

@@ -1,4 +1,4 @@
-//! A camera that is open: what was agreed on with it, and how the bytes of its buffers become a frame's.
+//! An open camera: its negotiated settings, and the conversion of its buffers to frames.
 
 use std::ops::Range;
 use std::path::Path;
@@ -13,15 +13,16 @@ use crate::image::frame::PixelFormat;
 use crate::image::jpeg;
 use crate::image::limits::MAX_SIDE;
 
-/// Buffers asked for. With four, one can be copied and one filled while two wait for a thread that was not scheduled in time.
+/// Number of buffers requested. With four, one can be copied and one filled while two wait for a
+/// thread that was not scheduled in time.
 const N_BUFFERS: u32 = 4;
 
-/// `V4L2_COLORSPACE_JPEG`, and `V4L2_QUANTIZATION_` as it is stated.
+/// `V4L2_COLORSPACE_JPEG`, and the `V4L2_QUANTIZATION_` values.
 const COLORSPACE_JPEG: u32 = 7;
 const QUANTIZATION_DEFAULT: u32 = 0;
 const QUANTIZATION_FULL_RANGE: u32 = 1;
 
-/// `V4L2_FIELD_`: how the rows of a frame are spread over two moments.
+/// `V4L2_FIELD_` values for frames whose rows are from two points in time.
 const FIELDS: [(u32, &str); 8] = [
     (2, "top fields only"),
     (3, "bottom fields only"),
@@ -33,31 +34,32 @@ const FIELDS: [(u32, &str); 8] = [
     (9, "interlaced, bottom field first"),
 ];
 
-/// What a camera is to be set to.
+/// Settings for a camera.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Terms {
     pub(super) choice: Choice,
-    /// The camera may not give another size.
+    /// The camera must not use another size.
     pub(super) is_size_fixed: bool,
-    /// Frames per second; the camera gives the nearest that it can.
+    /// Frames per second; the camera uses the nearest possible rate.
     pub(super) rate_hz: f64,
 }
 
-/// A camera with buffers to capture into. Dropping it stops the camera.
+/// A camera with capture buffers. Dropping it stops the camera.
 #[derive(Debug)]
 pub(super) struct Session {
     pub(super) stream: Stream,
     pub(super) format: PixelFormat,
     pub(super) size: Size,
-    /// As the camera states it.
+    /// As stated by the camera.
     pub(super) rate_hz: Option<f64>,
     pub(super) full_range: bool,
-    /// Bytes of the pixels within a buffer, row by row; none for JPEG.
+    /// Byte ranges of the pixels within a buffer, row by row; empty for JPEG.
     rows: Vec<Range<usize>>,
 }
 
 impl Session {
-    /// Sets format, size and rate, and keeps other programs from capturing. `name` is the camera's for people.
+    /// Sets format, size and rate, and prevents other programs from capturing. `name` is the
+    /// camera's name in messages.
     pub(super) fn new(
         device: Device,
         name: &str,
@@ -82,7 +84,7 @@ impl Session {
         if given.pixel_format != choice.fourcc {
             return Err(CameraError::Format {
                 path: owned(),
-                wished: text(choice.fourcc),
+                requested: text(choice.fourcc),
                 offered: format!("{} at this size", text(given.pixel_format)),
             });
         }
@@ -128,7 +130,7 @@ impl Session {
         })
     }
 
-    /// Copies the pixels of a buffer; `false` if they are not all there.
+    /// Copies the pixels of a buffer; returns `false` if it is too short.
     pub(super) fn copy(&self, filled: &Filled, bytes: &mut Vec<u8>) -> bool {
         bytes.clear();
         let Some(last) = self.rows.last() else {
@@ -145,8 +147,8 @@ impl Session {
     }
 }
 
-/// How a frame's rows are spread over two moments; `None` if all are of one. A driver that answers with something unknown, or
-/// with nothing, is taken at its word for the progressive frames that it was asked for.
+/// Name of the field arrangement if the rows of a frame are from two points in time, otherwise
+/// `None`. Unknown values count as progressive, which was requested.
 fn fields(field: u32) -> Option<&'static str> {
     let found = FIELDS.iter().find(|(number, _)| *number == field);
     found.map(|&(_, name)| name)
@@ -157,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_of_two_moments_are_told_from_whole_ones() {
+    fn interlaced_frames_are_distinguished_from_progressive_ones() {
         let is_refused: Vec<bool> = (0..11).map(|field| fields(field).is_some()).collect();
         assert_eq!(is_refused[..2], [false, false]);
         assert!(is_refused[2..10].iter().all(|&refused| refused));

@@ -1,8 +1,8 @@
 //! The kernel's video interface (V4L2): structures, calls and mapped buffers, as safe functions.
 //!
-//! The only file of the project with `unsafe`. It knows what the kernel says and nothing of what to make of it; that is
-//! [`crate::camera`]. Only what capturing by memory-mapped streaming needs is here: single-planar capture and controls that
-//! are one number, no outputs, no requests.
+//! The only file of the project with `unsafe`. It only wraps the kernel interface; decisions are in
+//! [`crate::camera`]. It contains only what memory-mapped streaming needs: single-planar capture
+//! and controls with a single integer value, no outputs, no requests.
 //!
 //! Source: Linux Media Subsystem Documentation, part "Video for Linux API".
 #![allow(unsafe_code)]
@@ -30,15 +30,17 @@ pub(crate) use abi::{
     PixFormat,
 };
 
-/// Most entries that are read from one of the kernel's lists: a driver that never ends a list must not hang the program.
+/// Maximum number of entries read from a kernel list: a driver whose list never ends must not hang
+/// the program.
 const MAX_LISTED: u32 = 256;
 
-/// Performs a request, again if a signal interrupts it.
+/// Performs an ioctl, and repeats it if interrupted by a signal.
 fn call<T>(fd: RawFd, request: &Request<T>, argument: &mut T) -> io::Result<()> {
     loop {
-        // SAFETY: the request number contains the size of T, and by this number the kernel reads and writes no more than so
-        // many bytes at the address, which `argument` lends exclusively. All types used here are valid for any bytes. The only
-        // one with an address in it is `ExtendedControls`, which `call_control` makes and nobody else.
+        // SAFETY: the request number contains the size of T, so the kernel accesses no more than
+        // this many bytes at the address, which `argument` borrows exclusively. All types used here
+        // are valid for any bytes. The only one that contains an address is `ExtendedControls`,
+        // which only `call_control` creates.
         let status = unsafe { libc::ioctl(fd, request.number, ptr::from_mut(argument)) };
         if status == 0 {
             return Ok(());
@@ -52,7 +54,8 @@ fn call<T>(fd: RawFd, request: &Request<T>, argument: &mut T) -> io::Result<()> 
 
 /// Performs a request on one control and returns its value.
 ///
-/// The older requests of a single control are meant for user controls only, and exposure and focus are camera controls.
+/// The older single-control requests are intended for user controls only; exposure and focus are
+/// camera controls.
 fn call_control(
     fd: RawFd,
     request: &Request<ExtendedControls>,
@@ -70,32 +73,32 @@ fn call_control(
         error_index: 0,
         request_fd: 0,
         reserved: 0,
-        // The kernel writes `count` controls there, until the request is done; `control` lives longer.
+        // The kernel writes `count` controls there during the request; `control` lives longer.
         controls: ptr::from_mut(&mut control),
     };
     call(fd, request, &mut controls)?;
     Ok(control.value)
 }
 
-/// Who a node belongs to and what it can do.
+/// Identity and capabilities of a node.
 #[derive(Debug, Clone)]
 pub(crate) struct Card {
     pub(crate) name: String,
     pub(crate) driver: String,
-    /// Where it is plugged in: `usb-0000:00:14.0-2`.
+    /// The port: `usb-0000:00:14.0-2`.
     pub(crate) bus: String,
     /// `CAP_` flags of this node.
     pub(crate) capabilities: u32,
 }
 
-/// A size that a camera offers, or a grid of them.
+/// A size that a camera offers, or a range of sizes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sizes {
     One(Size),
     Grid { min: Size, max: Size, step: Size },
 }
 
-/// An interval between frames that a camera offers, or a range of them.
+/// A frame interval that a camera offers, or a range of intervals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Intervals {
     One(Fraction),
@@ -105,12 +108,12 @@ pub(crate) enum Intervals {
     },
 }
 
-/// What a control takes.
+/// Range and value of a control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ControlRange {
     pub(crate) min: i32,
     pub(crate) max: i32,
-    /// Between values, counted from the least; at least 1.
+    /// Step between values, starting at the minimum; at least 1.
     pub(crate) step: i32,
     pub(crate) is_writable: bool,
 }
@@ -132,7 +135,7 @@ impl fmt::Display for Sizes {
 }
 
 impl Fraction {
-    /// Frames per second of this interval between frames.
+    /// Frames per second for this frame interval.
     pub(crate) fn rate_hz(self) -> f64 {
         f64::from(self.denominator) / f64::from(self.numerator)
     }
@@ -141,7 +144,7 @@ impl Fraction {
 /// Frames per second.
 impl fmt::Display for Intervals {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // 29.97 in full, 30 without zeros.
+        // At most two decimals, without trailing zeros: 29.97, 30.
         let text = |interval: &Fraction| ((interval.rate_hz() * 100.0).round() / 100.0).to_string();
         match self {
             Self::One(interval) => f.write_str(&text(interval)),
@@ -159,9 +162,10 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// Opens a node without blocking. Fails with [`io::ErrorKind::InvalidInput`] if the file is no character device.
+    /// Opens a node without blocking. Fails with [`io::ErrorKind::InvalidInput`] if the file is not
+    /// a character device.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
-        // Asked first: opening a pipe would block, and a folder cannot be opened for writing.
+        // Checked first: opening a pipe would block, and a folder cannot be opened for writing.
         if !path.metadata()?.file_type().is_char_device() {
             return Err(io::ErrorKind::InvalidInput.into());
         }
@@ -195,7 +199,7 @@ impl Device {
         })
     }
 
-    /// The layouts that the camera offers; none if it does not say.
+    /// The formats that the camera offers; empty if it does not state them.
     pub(crate) fn formats(&self) -> Vec<FourCc> {
         self.list(&ENUM_FMT, |index| FormatDescription {
             index,
@@ -206,7 +210,7 @@ impl Device {
         .collect()
     }
 
-    /// The sizes that the camera offers in a layout; none if it does not say.
+    /// The sizes that the camera offers for a format; empty if it does not state them.
     pub(crate) fn sizes(&self, pixel_format: FourCc) -> Vec<Sizes> {
         self.list(&ENUM_FRAMESIZES, |index| FrameSizeEntry {
             index,
@@ -228,7 +232,8 @@ impl Device {
         .collect()
     }
 
-    /// The frame intervals that the camera offers in a layout and size; none if it does not say.
+    /// The frame intervals that the camera offers for a format and size; empty if it does not state
+    /// them.
     pub(crate) fn intervals(&self, pixel_format: FourCc, size: Size) -> Vec<Intervals> {
         self.list(&ENUM_FRAMEINTERVALS, |index| FrameIntervalEntry {
             index,
@@ -247,7 +252,7 @@ impl Device {
         .collect()
     }
 
-    /// Entries of one of the kernel's lists, up to its end.
+    /// The entries of a kernel list, up to its end.
     fn list<T: Copy>(
         &self,
         request: &Request<T>,
@@ -259,7 +264,7 @@ impl Device {
         })
     }
 
-    /// Asks for a layout and a size. The camera silently takes others instead; what it took is returned.
+    /// Requests a format and a size. The camera may silently change them; returns the actual ones.
     pub(crate) fn set_format(&self, pixel_format: FourCc, size: Size) -> io::Result<PixFormat> {
         let mut format = Format {
             kind: TYPE_VIDEO_CAPTURE,
@@ -273,14 +278,16 @@ impl Device {
         Ok(format.pix)
     }
 
-    /// Asks for an interval between frames, and returns what the camera says it has taken; `None` if it has no say in it.
+    /// Requests a frame interval, and returns the one stated by the camera; `None` if it does not
+    /// support this.
     pub(crate) fn set_interval(&self, interval: Fraction) -> Option<Fraction> {
         let mut wanted = StreamParameters {
             kind: TYPE_VIDEO_CAPTURE,
             time_per_frame: interval,
             ..StreamParameters::default()
         };
-        // Not every driver lets the rate be set, and some state it all the same: the answer counts.
+        // Not every driver allows the rate to be set, and some state it nevertheless: the answer
+        // counts.
         _ = call(self.fd(), &S_PARM, &mut wanted);
         let mut found = StreamParameters {
             kind: TYPE_VIDEO_CAPTURE,
@@ -295,7 +302,7 @@ impl Device {
         (is_known && numerator > 0 && denominator > 0).then_some(found.time_per_frame)
     }
 
-    /// What a control takes; `None` if the camera does not have it.
+    /// Range and value of a control; `None` if the camera does not have it.
     pub(crate) fn control(&self, id: u32) -> Option<ControlRange> {
         let mut found = ControlQuery {
             id,
@@ -314,20 +321,21 @@ impl Device {
         call_control(self.fd(), &G_EXT_CTRLS, id, 0)
     }
 
-    /// Sets a control. The camera may take another value instead, which only reading it tells.
+    /// Sets a control. The camera may use another value, which only reading it back shows.
     pub(crate) fn set_control(&self, id: u32, value: i32) -> io::Result<()> {
         call_control(self.fd(), &S_EXT_CTRLS, id, value).map(drop)
     }
 }
 
-/// A kernel's buffer in this program's memory.
+/// A kernel buffer mapped into memory.
 #[derive(Debug)]
 struct Mapping {
     start: *mut u8,
     length: usize,
 }
 
-// SAFETY: a mapping belongs to the process, not to a thread, and nothing but its `Mapping` gives access to it.
+// SAFETY: a mapping belongs to the process, not to a thread, and is accessible only through its
+// `Mapping`.
 unsafe impl Send for Mapping {}
 
 impl Mapping {
@@ -335,7 +343,7 @@ impl Mapping {
         let length = buffer.length as usize;
         let (access, shared) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED);
         let offset = u64::from(buffer.offset);
-        // SAFETY: a new mapping at an address of the kernel's choice touches no memory that is in use.
+        // SAFETY: a new mapping at an address chosen by the kernel touches no memory in use.
         let start = unsafe { mmap(ptr::null_mut(), length, access, shared, file, offset) }?;
         Ok(Self {
             start: start.cast(),
@@ -347,14 +355,15 @@ impl Mapping {
     ///
     /// # Panics
     ///
-    /// If the range does not lie within the mapping.
+    /// If the range is not within the mapping.
     fn append_to(&self, range: Range<usize>, out: &mut Vec<u8>) {
         assert!(range.start <= range.end && range.end <= self.length);
         let n = range.len();
         out.reserve(n);
-        // SAFETY: the source lies within the mapping, as asserted, and the destination within what was just reserved, behind
-        // the bytes in use; they are different memory. No reference to the mapping is made, because some drivers (v4l2loopback)
-        // let another program write to a buffer that is ours for the moment; whatever bytes are copied then are valid.
+        // SAFETY: the source is within the mapping, as asserted, and the destination within the
+        // space just reserved, after the bytes in use; they do not overlap. No reference to the
+        // mapping is made, because some drivers (v4l2loopback) let another program write to a
+        // buffer that we own at the moment; the bytes copied then are valid, whatever they are.
         unsafe {
             ptr::copy_nonoverlapping(
                 self.start.add(range.start),
@@ -368,40 +377,42 @@ impl Mapping {
 
 impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: exactly this memory was mapped by `new` and is unmapped once; nothing refers to it.
+        // SAFETY: exactly this memory was mapped by `new` and is unmapped once; there are no
+        // references to it.
         let _ = unsafe { munmap(self.start.cast(), self.length) };
     }
 }
 
-/// A buffer that the camera has filled and that is not yet given back.
+/// A dequeued buffer, to be queued again.
 #[derive(Debug)]
 pub(crate) struct Filled {
     index: usize,
-    /// Bytes that the camera wrote, at most the buffer's length.
+    /// Bytes written by the camera, at most the buffer's length.
     pub(crate) bytes_used: usize,
-    /// The driver's count of frames, which wraps around.
+    /// The driver's frame count, which wraps around.
     pub(crate) sequence: u32,
-    /// The kernel's time stamp, if it is on the clock of [`monotonic_ns`](crate::clock::monotonic_ns).
+    /// The kernel's time stamp, if it is on the clock of
+    /// [`monotonic_ns`](crate::clock::monotonic_ns).
     pub(crate) stamp_ns: Option<u64>,
-    /// The driver says that the content is damaged.
+    /// The driver reports that the content is damaged.
     pub(crate) is_faulty: bool,
 }
 
-/// What [`Stream::wait`] found.
+/// Result of [`Stream::wait`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ready {
-    /// Nothing within the time.
+    /// Timeout.
     No,
-    /// A buffer can be taken.
+    /// A buffer is available.
     Buffer,
-    /// The camera has failed or is gone: taking a buffer tells how.
+    /// The camera has failed or is gone; dequeuing a buffer returns the error.
     Failed,
 }
 
-/// A camera with mapped buffers to capture into. Dropping it stops the camera.
+/// A camera with mapped capture buffers. Dropping it stops the camera.
 #[derive(Debug)]
 pub(crate) struct Stream {
-    // Before the device: mappings go before the file is closed.
+    // Before the device, so that mappings are dropped before the file is closed.
     mappings: Vec<Mapping>,
     device: Device,
 }
@@ -414,7 +425,7 @@ pub(crate) struct FailedCall {
 }
 
 impl Stream {
-    /// Maps buffers and hands them to the camera, which may give more or fewer than asked for.
+    /// Maps buffers and queues them. The camera may provide more or fewer than requested.
     pub(crate) fn new(device: Device, n_buffers: u32) -> Result<Self, FailedCall> {
         let failed = |call| move |source| FailedCall { call, source };
         let mut buffers = RequestBuffers {
@@ -440,12 +451,10 @@ impl Stream {
         Ok(stream)
     }
 
-    /// The camera.
     pub(crate) fn device(&self) -> &Device {
         &self.device
     }
 
-    /// Starts the camera.
     pub(crate) fn start(&mut self) -> Result<(), FailedCall> {
         let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
         call(self.device.fd(), &STREAMON, &mut kind).map_err(|source| FailedCall {
@@ -454,7 +463,7 @@ impl Stream {
         })
     }
 
-    /// Waits for a buffer. A signal ends the waiting early.
+    /// Waits for a buffer. A signal ends the wait early.
     pub(crate) fn wait(&self, timeout: Duration) -> io::Result<Ready> {
         let timeout = Timespec::try_from(timeout).ok();
         let mut asked = [PollFd::new(&self.device.file, PollFlags::IN)];
@@ -472,7 +481,7 @@ impl Stream {
         })
     }
 
-    /// Takes a filled buffer; `None` if there is none.
+    /// Dequeues a filled buffer; `None` if there is none.
     pub(crate) fn take(&mut self) -> io::Result<Option<Filled>> {
         let mut buffer = capture_buffer(0);
         match call(self.device.fd(), &DQBUF, &mut buffer) {
@@ -501,12 +510,12 @@ impl Stream {
     ///
     /// # Panics
     ///
-    /// If the range goes beyond the buffer.
+    /// If the range exceeds the buffer.
     pub(crate) fn append_to(&self, filled: &Filled, range: Range<usize>, out: &mut Vec<u8>) {
         self.mappings[filled.index].append_to(range, out);
     }
 
-    /// Gives a buffer back to the camera.
+    /// Queues a buffer again.
     pub(crate) fn give_back(&mut self, filled: Filled) -> Result<(), FailedCall> {
         self.queue(filled.index).map_err(|source| FailedCall {
             call: "VIDIOC_QBUF",
@@ -522,7 +531,7 @@ impl Stream {
 impl Drop for Stream {
     fn drop(&mut self) {
         let mut kind = TYPE_VIDEO_CAPTURE as libc::c_int;
-        // Fails if the camera is gone or never started, and then there is nothing to stop.
+        // Fails if the camera is gone or was never started; then there is nothing to stop.
         _ = call(self.device.fd(), &STREAMOFF, &mut kind);
     }
 }
@@ -550,7 +559,7 @@ mod tests {
     #[test]
     fn stamps_are_nanoseconds() {
         assert_eq!(stamp_ns(12, 345_678), 12_345_678_000);
-        // Nonsense must not panic.
+        // Invalid values must not panic.
         _ = stamp_ns(i64::MAX, i64::MIN);
     }
 
@@ -591,7 +600,7 @@ mod tests {
         }
         let missing = Device::open(&folder.path().join("none")).expect_err("missing");
         assert_eq!(missing.kind(), io::ErrorKind::NotFound);
-        // A character device that knows nothing of video.
+        // A character device other than video.
         let null = Device::open(Path::new("/dev/null")).expect("opens");
         assert!(null.card().is_err());
         assert!(null.formats().is_empty());

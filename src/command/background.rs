@@ -1,4 +1,5 @@
-//! `overcam background`: learns the empty floor and writes it into a file, for runs that start on a floor that is not empty.
+//! `overcam background`: learns the empty floor and writes it to a file, for runs that start with
+//! objects on the floor.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -15,22 +16,23 @@ use crate::background::model::BackgroundModel;
 use crate::cli::{BackgroundArgs, SourceArgs};
 use crate::image::frame::{Picture, decode};
 use crate::run::capture::{Feed, Orders, joined_unless_blocked, open_source};
+use crate::run::log_camera;
 use crate::run::slot::{Slot, SourceInfo};
 use crate::run::status::{Status, counted, log};
-use crate::run::tell_camera;
 use crate::run::threads::POLL;
 
-/// Learns the floor and writes it, unless `stop` is set before. One line about it goes to `out`.
+/// Learns the background and writes it, unless `stop` is set before. Prints one line about it to
+/// `out`.
 ///
 /// # Errors
 ///
-/// What kept it from being learned or written, in one line. A file that was there before is left as it was.
+/// The reason for the failure, in one line. An existing file is then left unchanged.
 pub fn learn_background(
     args: &BackgroundArgs,
     stop: &Arc<AtomicBool>,
     out: &mut impl Write,
 ) -> anyhow::Result<()> {
-    // Before the frames are waited for, which may take minutes.
+    // Before waiting for frames, which may take minutes.
     let create = || Replacement::create(&args.output).with_context(|| not_written(&args.output));
     let Some((target, learned)) =
         learn_view(&args.source, args.learn, "the empty floor", stop, create)?
@@ -58,17 +60,18 @@ pub fn learn_background(
     .context("standard output")
 }
 
-/// What a source shows while nothing moves.
+/// The static view of a source.
 pub(crate) struct Learned {
     pub(crate) floor: BackgroundModel,
-    /// Frames that it was learned from.
+    /// Number of frames used.
     pub(crate) seen: u32,
     /// Name of the source.
     pub(crate) source: String,
 }
 
-/// Learns what a source shows from so many frames; `None` where `stop` was set before. `prepare` is called once the source is open
-/// and before a frame is waited for; what it gives is given back.
+/// Learns the static view of a source from this many frames; `None` if `stop` was set before.
+/// `prepare` is called when the source is open, before waiting for a frame; its result is also
+/// returned.
 pub(crate) fn learn_view<T>(
     args: &SourceArgs,
     count: u32,
@@ -85,7 +88,7 @@ pub(crate) fn learn_view<T>(
         return Ok(None);
     }
     let info = source.info();
-    tell_camera(&source);
+    log_camera(&source);
     log(format_args!(
         "overcam: learning {what} from {} of {}",
         counted(u64::from(count), "frame"),
@@ -97,14 +100,14 @@ pub(crate) fn learn_view<T>(
         limit: u64::MAX,
         waits: false,
     };
-    // Nothing is said of a camera that is not waited for.
-    let (say, _) = channel();
+    // There are no messages about a camera if the run does not wait for it.
+    let (messages, _) = channel();
     let Feed {
         frames,
         free,
         thread,
         ..
-    } = Feed::start(source, orders, stop, say)?;
+    } = Feed::start(source, orders, stop, messages)?;
     let mut learner = Learner::new(info.size, count);
     let mut status = Status::new(info.live);
     let learned = learn(
@@ -144,7 +147,8 @@ pub(crate) fn learn_view<T>(
     )))
 }
 
-/// Gives the learner frames until it has enough of them (true) or no more come, and tells how far it is with what is learned.
+/// Passes frames to the learner until it has enough (true) or no more arrive, and shows the
+/// progress with the name of what is learned.
 fn learn(
     learner: &mut Learner,
     (info, what): (&SourceInfo, &str),
@@ -162,14 +166,14 @@ fn learn(
         };
         let sequence = slot.frame.sequence;
         let decoded = decode(&slot.frame, &mut picture);
-        // A run does not learn from a frame that was passed over either.
+        // A run does not learn from skipped frames either.
         let skipped = slot.skipped;
         drop(free.try_send(slot));
         match decoded {
             _ if skipped => {}
             Ok(()) if learner.add(&picture) => return Ok(true),
             Ok(()) => status.learning(what, learner.seen(), learner.frames()),
-            Err(error) => status.say(&format!("frame {sequence} is passed over: {error}")),
+            Err(error) => status.report(&format!("frame {sequence} is passed over: {error}")),
         }
         if stop.load(Ordering::Relaxed) {
             return Ok(false);
@@ -182,7 +186,7 @@ fn not_written(path: &Path) -> String {
     format!("{path} cannot be written; choose a file in a folder that you may write to")
 }
 
-/// A new file that takes the place of an old one only when it is whole. Dropped before that, it is removed.
+/// A new file that replaces an old one only when it is complete. If dropped before, it is removed.
 #[derive(Debug)]
 struct Replacement {
     path: PathBuf,
@@ -191,9 +195,9 @@ struct Replacement {
 }
 
 impl Replacement {
-    /// Starts the new file beside the old one.
+    /// Creates the new file next to the old one.
     fn create(path: &Path) -> io::Result<Self> {
-        // A link stays one: what it leads to is replaced.
+        // A link is kept, and its target is replaced.
         let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         if path.exists() && !path.is_file() {
             return Err(io::Error::other("it is there and is no regular file"));
@@ -212,7 +216,7 @@ impl Replacement {
         })
     }
 
-    /// Puts the new file in the place of the old one.
+    /// Replaces the old file by the new one.
     fn replace(mut self, content: &[u8]) -> io::Result<()> {
         self.file.write_all(content)?;
         self.file.sync_all()?;
@@ -222,7 +226,7 @@ impl Replacement {
 
 impl Drop for Replacement {
     fn drop(&mut self) {
-        // After it was renamed there is nothing to remove.
+        // After renaming there is nothing to remove.
         let _ = fs::remove_file(&self.temporary);
     }
 }

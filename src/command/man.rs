@@ -1,7 +1,9 @@
-//! `overcam man` and `overcam completions`: what clap knows of the arguments, as a manual page and for shells.
+//! `overcam man` and `overcam completions`: the argument definitions of clap as a manual page and
+//! as shell completions.
 //!
-//! The page is one for the program and all its commands. Options and descriptions come from the definition of the arguments, so they are
-//! those of `--help`; what arguments do not say, signals, files and the like, is written here.
+//! There is one page for the program and all its commands. Options and descriptions come from the
+//! definition of the arguments, so they match `--help`; other sections, such as signals and files,
+//! are written here.
 
 use std::io::{self, Write};
 
@@ -15,10 +17,10 @@ use crate::cli::Cli;
 /// Name of the program.
 const NAME: &str = "overcam";
 
-/// When the page's own sections were last changed.
+/// Date of the last change to the page's own sections.
 const DATE: &str = "2026-11-27";
 
-/// A section of the page: a heading, and entries with what they mean.
+/// A section of the page: a heading, and entries with their descriptions.
 type Section = (&'static str, &'static [(&'static str, &'static str)]);
 
 const SECTIONS: [Section; 5] = [
@@ -45,16 +47,16 @@ const SECTIONS: [Section; 5] = [
         &[
             (
                 "INT, TERM, HUP",
-                "End the run: the frames that were taken are processed, the recording is completed, and the camera gets back the \
-                 controls that it had. A second one ends the program at once.",
+                "End the run: captured frames are processed, the recording is completed, and the original controls of the \
+                 camera are restored. A second signal ends the program immediately.",
             ),
             (
                 "USR1",
-                "Learn the empty floor anew from the next --learn frames. The old one is used meanwhile.",
+                "Learn the empty floor again from the next --learn frames. The old one is used meanwhile.",
             ),
             (
                 "TSTP, CONT",
-                "As usual. The time between them counts neither in the rate nor in the latency that the status line tells.",
+                "As usual. The time between them counts neither in the rate nor in the latency of the status line.",
             ),
         ],
     ),
@@ -127,18 +129,18 @@ const SECTIONS: [Section; 5] = [
 ///
 /// # Errors
 ///
-/// When it cannot be written.
+/// If writing fails.
 pub(super) fn print_man(out: &mut impl Write) -> io::Result<()> {
     out.write_all(page()?.as_bytes())
 }
 
-/// Prints what makes a shell complete the arguments.
+/// Prints the completion script for a shell.
 ///
 /// # Errors
 ///
-/// When it cannot be written.
+/// If writing fails.
 pub(super) fn print_completions(shell: Shell, out: &mut impl Write) -> io::Result<()> {
-    // Into memory first: the generator panics where it cannot write.
+    // Into memory first: the generator panics if writing fails.
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), NAME, &mut script);
     out.write_all(&script)
@@ -167,7 +169,7 @@ fn page() -> io::Result<String> {
         }
         page += &section.to_roff();
     }
-    // Each part comes with a definition that the first one has made.
+    // Each part starts with a definition that is already in the first one.
     let mut lines: Vec<&str> = page.lines().collect();
     let first = lines.iter().take_while(|line| is_preamble(line)).count();
     let rest = lines.split_off(first);
@@ -175,12 +177,12 @@ fn page() -> io::Result<String> {
     Ok(lines.join("\n") + "\n")
 }
 
-/// Whether a line defines how an apostrophe is set.
+/// Whether a line defines the rendering of an apostrophe.
 fn is_preamble(line: &str) -> bool {
     line.contains(".ds Aq ")
 }
 
-/// Adds each command below `parent` with all that it takes.
+/// Adds each command below `parent` with its arguments.
 fn add_commands(parent: &Command, page: &mut String) -> io::Result<()> {
     for command in parent
         .get_subcommands()
@@ -195,12 +197,14 @@ fn add_commands(parent: &Command, page: &mut String) -> io::Result<()> {
         man.render_synopsis_section(&mut content)?;
         man.render_description_section(&mut content)?;
         man.render_options_section(&mut content)?;
-        // What are sections of a page are paragraphs here: the first needs no mark, and each option has its own.
+        // The sections of a page become paragraphs: the first needs no mark, and each option has
+        // its own.
         let content = text(content)?;
         for line in content.lines().filter(|line| !is_preamble(line)).skip(1) {
             match line {
                 ".SH OPTIONS" => {}
-                // Before the values that an argument may have, where an empty line does.
+                // Before the possible values of an argument, where an empty line also separates
+                // them.
                 ".br" => {}
                 _ if line.starts_with(".SH") => *page += ".PP\n",
                 _ => {

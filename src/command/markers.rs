@@ -1,4 +1,4 @@
-//! `overcam markers`: check drawings, design new ones, learn one from a view, print them.
+//! `overcam markers`: checks drawings, designs new ones, learns one from an image, prints them.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -17,7 +17,7 @@ use crate::marker_design::design::design;
 use crate::marker_design::sheet::{Layout, pdf, svg_pages};
 use crate::marker_design::trace::trace;
 
-/// Does one of them. What there is to read goes to `out`.
+/// Executes one of the subcommands. Text output goes to `out`.
 pub(super) fn markers(
     command: &MarkersCommand,
     stop: &Arc<AtomicBool>,
@@ -92,7 +92,7 @@ fn design_new(
     }
     if designed.len() < count {
         bail!(
-            "markers: only {} shapes were found that can be told apart; ask for fewer, or try another --seed",
+            "markers: only {} sufficiently different shapes were found; ask for fewer, or try another --seed",
             designed.len()
         );
     }
@@ -149,7 +149,7 @@ fn draw_sheet(
     Ok(())
 }
 
-/// Writes a drawing, but never over a file: that may be somebody's own drawing.
+/// Writes a drawing, but never overwrites a file, which may be the user's own drawing.
 fn write_new(path: &Path, svg: &str) -> anyhow::Result<()> {
     File::create_new(path)
         .and_then(|mut new| new.write_all(svg.as_bytes()))

@@ -1,7 +1,7 @@
-//! `overcam service`: a systemd unit that does what this call's arguments would do.
+//! `overcam service`: prints a systemd unit that runs the program with the given arguments.
 //!
-//! The arguments are taken from their definition: what is a path there becomes an absolute one, so that the unit does not depend on
-//! the folder it was printed in.
+//! The arguments are read through their definition: paths are made absolute, so that the unit does
+//! not depend on the current folder.
 
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
@@ -20,14 +20,14 @@ use crate::config::Arguments;
 use crate::output::shared_memory::user_name;
 use crate::source::SourceError;
 
-/// Where the kernel's stable names of cameras are, the better ones first.
+/// Folders of the kernel's stable camera names, preferred ones first.
 const STABLE_NAMES: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 
 /// Prints the unit for the arguments of this process, which are `args`.
 ///
 /// # Errors
 ///
-/// The source cannot be that of a service, or `out` cannot be written.
+/// If the source is not suitable for a service, or `out` cannot be written.
 pub(super) fn print(
     args: &RunArgs,
     arguments: &Arguments,
@@ -63,16 +63,17 @@ pub(super) fn print(
     out.write_all(unit.as_bytes()).context("standard output")
 }
 
-/// Where and by whom the unit was asked for.
+/// Folder, program and user for which the unit is printed.
 struct Surroundings<'a> {
     program: &'a Path,
     folder: &'a Path,
     user: &'a str,
 }
 
-/// The arguments that were given, in the order of their definition, with absolute paths.
+/// The given arguments, in the order of their definition, with absolute paths.
 ///
-/// What a file of `--config` gives is left to it, but for a recording's name, which must differ from start to start.
+/// Arguments in a `--config` file are left there, except for the name of a recording, which must
+/// differ from start to start.
 fn command_line(
     definition: &Command,
     given: &ArgMatches,
@@ -108,7 +109,7 @@ fn command_line(
                 _ if is_path(argument.get_value_parser()) => folder.join(value).into(),
                 _ => value.to_owned(),
             };
-            // In one word where the value could be taken for another argument.
+            // As a single word if the value could be mistaken for another argument.
             if value.as_bytes().starts_with(b"-") {
                 words.push(
                     [OsStr::new(&format!("--{name}=")), &value]
@@ -123,7 +124,7 @@ fn command_line(
     words
 }
 
-/// An absolute path, and of a camera the name that it keeps when others are plugged in.
+/// An absolute path; for a camera, the name that does not change when others are plugged in.
 fn device(value: &OsStr, folder: &Path) -> OsString {
     if value == "demo" {
         return value.to_owned();
@@ -134,7 +135,7 @@ fn device(value: &OsStr, folder: &Path) -> OsString {
         .into()
 }
 
-/// The link that leads to `/dev/videoN`.
+/// The link to `/dev/videoN`.
 fn stable_name(node: &Path, folders: [&Path; 2]) -> Option<PathBuf> {
     let name = node.file_name()?.to_str()?;
     let number = name.strip_prefix("video")?;
@@ -154,8 +155,8 @@ fn stable_name(node: &Path, folders: [&Path; 2]) -> Option<PathBuf> {
     })
 }
 
-/// `run-${INVOCATION_ID}.mcap` for `run.mcap`: systemd gives each start another number, and a recording is never overwritten. The
-/// dollar sign is left to systemd; see [`quoted`].
+/// `run-${INVOCATION_ID}.mcap` for `run.mcap`: systemd sets a different id for each start, because
+/// a recording is never overwritten. The dollar sign is left to systemd; see [`quoted`].
 fn a_file_a_start(path: &Path) -> OsString {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(STARTS);
@@ -166,7 +167,7 @@ fn a_file_a_start(path: &Path) -> OsString {
     path.with_file_name(name).into()
 }
 
-/// What stands for the number of the start.
+/// Placeholder for the id of the start.
 const STARTS: &str = "-${INVOCATION_ID}";
 
 fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String {
@@ -202,11 +203,11 @@ fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String
     let tmp = if args.group.is_some() || args.no_publish {
         "PrivateTmp=yes\n"
     } else {
-        // The files by which iceoryx2's programs find each other are in /tmp/iceoryx2.
+        // iceoryx2 programs find each other through files in /tmp/iceoryx2.
         writable.push("/tmp".to_owned());
         ""
     };
-    // The directories of a group hand its number on to what is made in them, by that very bit.
+    // The directories of a group pass on its number to new files through the setgid bit.
     let sgid = if args.group.is_none() {
         "RestrictSUIDSGID=yes\n"
     } else {
@@ -281,7 +282,7 @@ fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String
     )
 }
 
-/// What has to be done for a service that nobody in person runs.
+/// Instructions for running the service as a user of its own.
 fn user_of_its_own(program: &Path) -> String {
     let mut text =
         "# A user of its own: sudo useradd --system --no-create-home --groups video overcam\n"
@@ -295,16 +296,16 @@ fn user_of_its_own(program: &Path) -> String {
     text
 }
 
-/// What a dollar sign is to be.
+/// How to write a dollar sign.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Dollar {
-    /// Itself: nothing is expanded there.
+    /// Unchanged, where nothing is expanded.
     Plain,
-    /// Itself, in an argument, where systemd expands variables; but not in [`STARTS`].
+    /// Escaped, in an argument, where systemd expands variables; but not in [`STARTS`].
     Doubled,
 }
 
-/// A word as systemd reads it from a unit.
+/// A word quoted for a systemd unit.
 fn quoted(word: &OsStr, dollar: Dollar) -> String {
     let bytes = word.as_bytes();
     let mut text = String::new();
@@ -322,12 +323,12 @@ fn quoted(word: &OsStr, dollar: Dollar) -> String {
             b'"' => text += "\\\"",
             b'\\' => text += "\\\\",
             b' '..=b'~' => text.push(char::from(byte)),
-            // Everything else byte by byte, so that names need not be UTF-8.
+            // All others byte by byte, so that names need not be UTF-8.
             byte => text += &format!("\\x{byte:02x}"),
         }
     }
     let simple = |byte: &u8| byte.is_ascii_alphanumeric() || b"/._-:=,@+%$".contains(byte);
-    // The braces are those of STARTS.
+    // The braces in STARTS.
     if !bytes.is_empty()
         && bytes
             .iter()
@@ -339,7 +340,7 @@ fn quoted(word: &OsStr, dollar: Dollar) -> String {
     }
 }
 
-/// A name in a comment or a list: in one line, and without what systemd expands.
+/// A name for a comment or a list: on one line, and without anything that systemd expands.
 fn plain(name: &str) -> String {
     name.chars()
         .filter(|c| !c.is_control())

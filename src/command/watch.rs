@@ -1,12 +1,13 @@
-//! `overcam watch`: prints what a planner would read from shared memory.
+//! `overcam watch`: prints the scenes that a planner would read from shared memory.
 //!
-//! On a terminal that is a `table` of the newest scene. Elsewhere, and with `--json`, each scene becomes the line that `--json` prints for
-//! it. The watcher waits for a service that does not exist yet, stays
-//! when its publisher goes or is killed, and goes on with the next one; what happens is said on standard error, or stands in the
-//! table. When the service's files were removed and it is published anew, it subscribes anew.
+//! On a terminal it shows a `table` of the newest scene. Elsewhere, and with `--json`, it prints
+//! each scene as the same line as `--json` of a run. It waits for a service that does not exist
+//! yet, stays when its publisher exits or is killed, and continues with the next one; such events
+//! are reported on standard error, or in the table. If the files of the service were removed and it
+//! is published again, it subscribes again.
 //!
-//! Deliberately absent: a way to slow the publisher down. A reader that falls behind, or whose pipe does, misses scenes, and
-//! is told how many.
+//! Deliberately absent: a way to slow the publisher down. A reader that falls behind, or whose pipe
+//! does, misses scenes, and their number is reported.
 
 mod connection;
 mod table;
@@ -27,51 +28,51 @@ use crate::output::json;
 use crate::output::shared_memory::{NameError, service_name};
 use crate::run::status::{counted, log};
 
-/// Longest wait before the stop flag is looked at.
+/// Maximum wait before the stop flag is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
-/// Silence after which the publisher may be dead.
+/// Silence after which the publisher is checked for being dead.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Shortest time between two reports of missing scenes.
+/// Minimum time between two reports of missing scenes.
 const REPORT_PERIOD: Duration = Duration::from_secs(1);
 
-/// Why scenes cannot be watched.
+/// Reasons why scenes cannot be watched.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
-    /// The name cannot name a service.
+    /// The name is invalid for a service.
     #[error(transparent)]
     Name(#[from] NameError),
-    /// The publisher is another version of the program.
+    /// The publisher has another version.
     #[error(
         "service `{service}` publishes another layout of the scene ({reason}): watch it with the overcam that publishes it"
     )]
     Incompatible {
         /// The service.
         service: String,
-        /// What differs.
+        /// The difference.
         reason: String,
     },
-    /// All places for subscribers are taken.
+    /// The maximum number of subscribers is reached.
     #[error("service `{service}` has no place for another subscriber: stop one")]
     Full {
         /// The service.
         service: String,
     },
-    /// The files of the middleware cannot be opened, as a rule because they belong to another user.
+    /// The files of the middleware cannot be opened, usually because they belong to another user.
     #[error(
         "service `{service}` cannot be opened ({reason}): run as the user who publishes it, or publish it for a group with --group"
     )]
     Denied {
         /// The service.
         service: String,
-        /// What failed, in the middleware's words.
+        /// The failure, in the middleware's words.
         reason: String,
     },
-    /// The group's place cannot be entered.
+    /// No access to the group's place.
     #[error("--group {group}: {reason}: is this user a member of the group? see with `id`")]
     Group {
         /// The group.
         group: String,
-        /// What is denied.
+        /// The object to which access is denied.
         reason: String,
     },
     /// Shared memory could not be opened or read for another reason.
@@ -79,7 +80,7 @@ pub enum WatchError {
     Read {
         /// The service.
         service: String,
-        /// What failed, in the middleware's words.
+        /// The failure, in the middleware's words.
         reason: String,
     },
     /// The lines could not be written.
@@ -87,12 +88,13 @@ pub enum WatchError {
     Write(#[from] io::Error),
 }
 
-/// Prints the scenes published on `service`, by this user or for a `group`, to `out`, one JSON object a line, until `frames` are
-/// printed or `stop` is set. A closed pipe behind `out` ends it like a stop.
+/// Prints the scenes published on `service`, by this user or for a `group`, to `out`, one JSON
+/// object per line, until `frames` are printed or `stop` is set. A closed pipe behind `out` has the
+/// same effect as a stop.
 ///
 /// # Errors
 ///
-/// See [`WatchError`]. A service that does not exist is not an error but waited for.
+/// See [`WatchError`]. If the service does not exist, this waits for it.
 pub fn watch(
     service: &str,
     group: Option<&str>,
@@ -103,12 +105,12 @@ pub fn watch(
     show(service, group, frames, stop, Output::json(out))
 }
 
-/// Shows the newest of the scenes published on `service` as a table on `out`, standard output and a terminal, until so many have come
-/// or `stop` is set.
+/// Shows the newest scene published on `service` as a table on `out`, standard output on a
+/// terminal, until this many scenes have arrived or `stop` is set.
 ///
 /// # Errors
 ///
-/// See [`WatchError`]. A service that does not exist is not an error but waited for.
+/// See [`WatchError`]. If the service does not exist, this waits for it.
 pub fn watch_table(
     service: &str,
     group: Option<&str>,
@@ -160,7 +162,7 @@ fn show_scenes<W: Write>(
         let Some(sample) = connection.receive()? else {
             output.while_waiting()?;
             connection.wait()?;
-            if progress.look_after_publisher(&connection) == Found::Nothing {
+            if progress.check_publisher(&connection) == Found::Nothing {
                 let Some(next) = connection.again(stop)? else {
                     break;
                 };
@@ -176,11 +178,11 @@ fn show_scenes<W: Write>(
     Ok(())
 }
 
-/// How scenes are shown.
+/// How scenes are displayed.
 enum Output<'a, W> {
     /// As the lines of `--json`.
     Json { out: &'a mut W, line: Vec<u8> },
-    /// The newest one in a table.
+    /// As a table of the newest one.
     Table(Screen<'a, W>),
 }
 
@@ -218,19 +220,19 @@ impl<'a, W: Write> Output<'a, W> {
     }
 }
 
-/// What newcomers find.
+/// What new subscribers would find.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Found {
-    /// The service that is being watched.
+    /// The current service.
     Service,
-    /// Nothing, or another one of its name.
+    /// Nothing, or another service of this name.
     Nothing,
 }
 
-/// What is told about a stream of scenes, besides the scenes.
+/// Reports about a stream of scenes.
 struct Progress {
     service: ServiceName,
-    /// Who sent the last scene.
+    /// Publisher of the last scene.
     publisher: Option<UniquePublisherId>,
     next_sequence: u64,
     n_missing: u64,
@@ -238,7 +240,7 @@ struct Progress {
     reported: Instant,
     heard: Instant,
     absent: bool,
-    /// A table says it instead.
+    /// No messages, because they are in a table.
     quiet: bool,
 }
 
@@ -258,7 +260,7 @@ impl Progress {
         }
     }
 
-    fn tell(&self, message: fmt::Arguments<'_>) {
+    fn report(&self, message: fmt::Arguments<'_>) {
         if !self.quiet {
             log(format_args!("watch: {message}"));
         }
@@ -270,7 +272,7 @@ impl Progress {
             self.n_missing += sequence.saturating_sub(self.next_sequence);
         } else {
             if self.publisher.is_some() || self.absent {
-                self.tell(format_args!(
+                self.report(format_args!(
                     "service `{}` has a new publisher",
                     self.service
                 ));
@@ -284,15 +286,16 @@ impl Progress {
         }
     }
 
-    /// Says so when nobody publishes any more. A killed publisher leaves no word: its remains have to be looked for.
-    fn look_after_publisher(&mut self, connection: &Connection<'_>) -> Found {
+    /// Reports when there is no publisher any more. A killed publisher sends no message, so its
+    /// remains are searched for.
+    fn check_publisher(&mut self, connection: &Connection<'_>) -> Found {
         if self.heard.elapsed() < SILENCE {
             return Found::Service;
         }
         self.heard = Instant::now();
         if !connection.is_current() {
-            self.tell(format_args!(
-                "service `{}` was removed from shared memory: looking for it anew",
+            self.report(format_args!(
+                "service `{}` was removed from shared memory: looking for it again",
                 self.service
             ));
             return Found::Nothing;
@@ -302,7 +305,7 @@ impl Progress {
         }
         connection.service.try_cleanup_dead_nodes();
         if connection.service.dynamic_config().number_of_publishers() == 0 {
-            self.tell(format_args!(
+            self.report(format_args!(
                 "nobody publishes on service `{}`: waiting",
                 self.service
             ));
@@ -313,7 +316,7 @@ impl Progress {
 
     fn report_missing(&mut self) {
         if self.n_missing > self.n_reported {
-            self.tell(format_args!(
+            self.report(format_args!(
                 "{} without a scene here: passed over by overcam, or not read in time",
                 counted(self.n_missing, "frame")
             ));

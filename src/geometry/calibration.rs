@@ -1,18 +1,19 @@
 //! From pixels to metres on the floor.
 //!
-//! The user measures a few points: where they are in the picture and where on the floor. A homography, the map between two
-//! planes seen in perspective, is fitted to them (`homography`). It carries positions; its derivative at a point carries headings,
-//! velocities and covariances. Where the points contradict each other, `outliers` finds out which are wrong.
+//! The user measures a few points, both in the image and on the floor. A homography, the
+//! perspective map between two planes, is fitted to them (`homography`). It maps positions; its
+//! derivative at a point maps headings, velocities and covariances. If the points contradict each
+//! other, `outliers` finds the wrong ones.
 //!
 //! ```toml
 //! [[points]]
 //! pixel = [101.5, 88.0]   # x right, y down, (0, 0) is the centre of the top left pixel
-//! floor = [0.0, 2.0]      # metres, z up: seen from above, y is a quarter turn counter-clockwise from x
+//! floor = [0.0, 2.0]      # metres, z up: from above, y is a quarter turn counter-clockwise from x
 //! ```
 //!
-//! Lens distortion is not part of it: at least four points are needed, and more of them show by their residual whether the lens bends
-//! straight lines.
-//! Four points always fit. What can be said of them is how far an error of clicking moves positions.
+//! Lens distortion is not modelled. At least four points are needed; with more points the residual
+//! shows whether the lens bends straight lines. Four points always fit; for them, only the effect
+//! of a click error on positions can be given.
 
 mod exactness;
 mod homography;
@@ -27,27 +28,27 @@ use crate::geometry::calibration::exactness::{CLICKED_PX, INEXACT_MAX_PX, Inexac
 use crate::geometry::calibration::homography::{INDEPENDENCE_MIN, homography};
 use crate::geometry::calibration::outliers::{Suspects, is_contradicted, suspects};
 
-/// Greatest root mean square of the residuals, in pixels.
+/// Maximum RMS residual, in pixels.
 const RESIDUAL_MAX_PX: f64 = 3.0;
 
-/// A plane map, row by row.
+/// A plane homography, row by row.
 pub type Homography = [[f64; 3]; 3];
 
-/// Where the floor is in the picture.
+/// The mapping between image and floor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
     floor_from_image: Matrix3<f64>,
     residual_px: f64,
     n_points: usize,
-    /// Mean of the points' pixels.
+    /// Mean of the measured pixels.
     middle_px: [f64; 2],
     inexactness: Inexactness,
 }
 
-/// Why points give no calibration.
+/// Reasons why points give no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
-    /// Not the TOML that is expected.
+    /// Not the expected TOML.
     #[error("calibration: {0}; write [[points]] with pixel = [x, y] and floor = [x_m, y_m]")]
     Syntax(String),
     /// Fewer than four.
@@ -68,29 +69,29 @@ pub enum CalibrationError {
          accepted; {suspects}"
     )]
     BadFit {
-        /// Root mean square of all residuals, in pixels.
+        /// RMS of all residuals, in pixels.
         rms_px: f64,
-        /// Which are to blame.
+        /// The points at fault.
         suspects: Suspects,
     },
-    /// The points hardly determine a map.
+    /// The homography is poorly determined by the points.
     #[error(
         "calibration: the points lie nearly on a line or close together: a click {CLICKED_PX} px off would move positions among \
          them by up to {metres:.2} m ({pixels:.0} px); choose points near the corners of the floor"
     )]
     Inexact {
-        /// How far positions would move.
+        /// Error of positions, metres.
         metres: f64,
-        /// The same in the picture.
+        /// The same in image pixels.
         pixels: f64,
     },
-    /// Left and right are exchanged.
+    /// The floor axes are mirrored.
     #[error(
         "calibration: the floor's axes are mirrored; seen from above, the y axis must point a quarter turn \
          counter-clockwise from the x axis"
     )]
     Mirrored,
-    /// A horizon runs through the points.
+    /// The horizon runs between the points.
     #[error(
         "calibration: the points lie on both sides of the horizon of their own map; check for exchanged points"
     )]
@@ -113,7 +114,7 @@ pub struct PointPair {
     pub floor: [f64; 2],
 }
 
-/// A place on the floor with what follows from the map there.
+/// A position on the floor, with the local derivative of the map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FloorPoint {
     /// Metres.
@@ -122,11 +123,11 @@ pub struct FloorPoint {
     pub jacobian: [[f64; 2]; 2],
 }
 
-/// The text of a calibration file.
+/// Reads the text of a calibration file.
 ///
 /// # Errors
 ///
-/// When it cannot be read.
+/// If the file cannot be read.
 pub(crate) fn read_text(path: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(path).map_err(|source| {
         let path = path.display();
@@ -137,13 +138,13 @@ pub(crate) fn read_text(path: &Path) -> anyhow::Result<String> {
 }
 
 impl Calibration {
-    /// Reads the points of a TOML file and fits the map.
+    /// Reads the points of a TOML file and fits the homography.
     ///
     /// # Errors
     ///
     /// [`CalibrationError`], each with its remedy.
     pub fn from_toml(text: &str) -> Result<Self, CalibrationError> {
-        // The first line says what and where; the rest of the message draws the place.
+        // The first line has the message and the location; the rest of it draws the location.
         let file: File = toml::from_str(text).map_err(|e| {
             let line = 1 + e
                 .span()
@@ -153,13 +154,13 @@ impl Calibration {
         Self::fit(&file.points)
     }
 
-    /// Width of a pixel on the floor in the middle of the measured points, metres.
+    /// Width of a pixel on the floor at the centre of the measured points, metres.
     #[must_use]
     pub fn metres_per_px(&self) -> Option<f64> {
         Some(self.to_floor(self.middle_px)?.metres_per_px())
     }
 
-    /// Fits the map to points.
+    /// Fits the homography to points.
     ///
     /// # Errors
     ///
@@ -191,7 +192,7 @@ impl Calibration {
         })
     }
 
-    /// The map that fits best, however badly.
+    /// The best fit, without a check of its quality.
     fn fit_map(points: &[PointPair]) -> Result<Self, CalibrationError> {
         let middle =
             |axis: usize| points.iter().map(|p| p.pixel[axis]).sum::<f64>() / points.len() as f64;
@@ -204,25 +205,25 @@ impl Calibration {
         })
     }
 
-    /// Root mean square of the residuals, in pixels; zero for exactly four points.
+    /// RMS of the residuals, in pixels; zero for exactly four points.
     #[must_use]
     pub fn residual_px(&self) -> f64 {
         self.residual_px
     }
 
-    /// The map.
+    /// The homography.
     #[must_use]
     pub fn floor_from_image(&self) -> Homography {
         let m = &self.floor_from_image;
         std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
     }
 
-    /// Where a pixel is on the floor; `None` on and beyond the horizon.
+    /// Position of a pixel on the floor; `None` on and beyond the horizon.
     #[must_use]
     pub fn to_floor(&self, pixel: [f64; 2]) -> Option<FloorPoint> {
         let m = &self.floor_from_image;
         let h = m * Vector3::new(pixel[0], pixel[1], 1.0);
-        // The map is scaled so that the points' side of the horizon is the positive one.
+        // The sign of the homography is chosen so that the points' side of the horizon is positive.
         if h.z <= 1e-9 {
             return None;
         }
@@ -236,7 +237,7 @@ impl Calibration {
         Some(FloorPoint { at, jacobian })
     }
 
-    /// Distances between the points in the picture and where the map puts their floor positions.
+    /// Distances in the image between the points and their mapped floor positions.
     fn residuals_px(&self, points: &[PointPair]) -> Result<Vec<f64>, CalibrationError> {
         points
             .iter()
@@ -263,14 +264,14 @@ fn root_mean_square(values: &[f64]) -> f64 {
 }
 
 impl FloorPoint {
-    /// Metres of a pixel: square root of how many square metres a square pixel covers.
+    /// Width of a pixel in metres: square root of the floor area that it covers.
     #[must_use]
     pub fn metres_per_px(&self) -> f64 {
         let [[a, b], [c, d]] = self.jacobian;
         (a * d - b * c).abs().sqrt()
     }
 
-    /// A heading of the picture as a heading on the floor, and the factor by which its standard deviation grows.
+    /// Maps a heading from image to floor, with the factor by which its standard deviation grows.
     #[must_use]
     pub fn heading(&self, heading_rad: f64) -> (f64, f64) {
         let [[a, b], [c, d]] = self.jacobian;
@@ -280,17 +281,19 @@ impl FloorPoint {
         (y.atan2(x), growth)
     }
 
-    /// Covariance on the floor of position and heading with this one in the picture: x with heading, y with heading.
+    /// Maps the covariances of position and heading from image to floor: x with heading, y with
+    /// heading.
     #[must_use]
     pub fn covariance_with_heading(&self, heading_rad: f64, [x, y]: [f64; 2]) -> [f64; 2] {
         let [[a, b], [c, d]] = self.jacobian;
         let (_, growth) = self.heading(heading_rad);
-        // On a floor whose y axis points up in the picture, headings grow the other way round.
+        // If the floor's y axis points up in the image, headings increase in the opposite
+        // direction.
         let growth = growth.copysign(a * d - b * c);
         [growth * (a * x + b * y), growth * (c * x + d * y)]
     }
 
-    /// Covariance on the floor of a position with this covariance in the picture.
+    /// Maps the covariance of a position from image to floor.
     #[must_use]
     pub fn covariance(&self, covariance_px2: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
         let [[xx, xy], [_, yy]] = covariance_px2;
@@ -306,7 +309,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A tilted camera: a hundred pixels a metre, x right, y up, with some perspective.
+    /// A tilted camera: a hundred pixels per metre, x right, y up, with some perspective.
     fn floor_of([x, y]: [f64; 2]) -> [f64; 2] {
         let w = 1.0 + 1e-4 * x - 2e-4 * y;
         [(0.01 * x - 1.0) / w, (4.0 - 0.01 * y) / w]
@@ -356,7 +359,7 @@ mod tests {
         assert!((floor.metres_per_px() - 0.01).abs() < 1e-9);
         let [[xx, xy], [_, yy]] = floor.covariance([[4.0, 0.0], [0.0, 4.0]]);
         assert!((xx - 4e-4).abs() < 1e-9 && (yy - 4e-4).abs() < 1e-9 && xy.abs() < 1e-9);
-        // What turns clockwise in the picture turns clockwise on the floor, where that is negative.
+        // A clockwise rotation in the image is clockwise on the floor, where that is negative.
         let [x, y] = floor.covariance_with_heading(1.0, [0.2, 0.1]);
         assert!(
             (x + 0.002).abs() < 1e-9 && (y - 0.001).abs() < 1e-9,

@@ -1,14 +1,14 @@
-//! Contours as polygons of few corners, for those who plan around them.
+//! Contours as polygons with few corners, for path planners.
 
 use imgproc::Point;
 
-/// Corners at most.
+/// Maximum number of corners.
 pub(crate) const CAPACITY: usize = scene::MAX_OUTLINE;
 
-/// Greatest distance between contour and polygon, to begin with: what pixels cannot show anyway.
+/// Initial maximum distance between contour and polygon: below the resolution of the pixels.
 const TOLERANCE_PX: f32 = 0.75;
 
-/// Corners of a polygon.
+/// The corners of a polygon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Outline {
     points: [[f64; 2]; CAPACITY],
@@ -21,7 +21,7 @@ impl Outline {
         &self.points[..self.len]
     }
 
-    /// The same corners elsewhere, without those that `to` has no place for.
+    /// The corners mapped by `to`, without those for which it returns `None`.
     pub(crate) fn mapped(&self, to: impl Fn([f64; 2]) -> Option<[f64; 2]>) -> Self {
         let mut mapped = Self {
             points: [[0.0; 2]; CAPACITY],
@@ -48,9 +48,9 @@ impl Outline {
     }
 }
 
-/// The polygon that keeps within [`TOLERANCE_PX`] of a closed contour, or within as much more as [`CAPACITY`] needs (Douglas and
-/// Peucker 1973). It is then grown by half a pixel, to the
-/// borders of the contour's pixels.
+/// The polygon that stays within [`TOLERANCE_PX`] of a closed contour, or within the larger
+/// tolerance required by [`CAPACITY`] (Douglas and Peucker 1973). It is then grown by half a pixel,
+/// to the borders of the contour's pixels.
 pub(crate) fn simplified(contour: &[Point]) -> Outline {
     let mut outline = Outline {
         points: [[0.0; 2]; CAPACITY],
@@ -65,7 +65,8 @@ pub(crate) fn simplified(contour: &[Point]) -> Outline {
 }
 
 impl Outline {
-    /// Moves every side outwards by half a pixel: contours run through the centres of pixels, objects end at their borders.
+    /// Moves every side outwards by half a pixel: contours run through pixel centres, objects end
+    /// at pixel borders.
     fn grow(&mut self) {
         const HALF_PX: f64 = 0.5;
         let n = self.len;
@@ -73,7 +74,7 @@ impl Outline {
             return;
         }
         let corners = self.points;
-        // Clockwise on the screen, hence outwards to the left of a side.
+        // The contour is clockwise on the screen, so outwards is to the left of a side.
         let outwards = |i: usize| {
             let ([x0, y0], [x1, y1]) = (corners[i % n], corners[(i + 1) % n]);
             let length = (x1 - x0).hypot(y1 - y0);
@@ -83,7 +84,7 @@ impl Outline {
             let (Some(a), Some(b)) = (outwards(i + n - 1), outwards(i)) else {
                 continue;
             };
-            // To where both sides meet; at a sharp corner not further than two half pixels.
+            // To the intersection of both sides; at a sharp corner at most two half pixels away.
             let sum = [a[0] + b[0], a[1] + b[1]];
             let scale = HALF_PX / (1.0 + a[0] * b[0] + a[1] * b[1]).max(0.5);
             *point = [point[0] + scale * sum[0], point[1] + scale * sum[1]];
@@ -91,11 +92,11 @@ impl Outline {
     }
 }
 
-/// Whether the polygon had room.
+/// Returns whether the polygon fits.
 fn simplify_within(contour: &[Point], tolerance: f32, outline: &mut Outline) -> bool {
     outline.len = 0;
     let n = contour.len();
-    // Ends of the stretches that are still to be looked at, nearest on top. A closed contour ends where it began.
+    // Ends of the remaining stretches, nearest on top. A closed contour ends where it starts.
     let mut ends = [0; CAPACITY];
     let mut depth = 1;
     ends[0] = n;
@@ -123,7 +124,8 @@ fn simplify_within(contour: &[Point], tolerance: f32, outline: &mut Outline) -> 
     true
 }
 
-/// The point between two of the contour that is farthest from the line between them, and how far.
+/// The point of the contour between two others that is farthest from the line through them, and its
+/// distance.
 fn farthest(contour: &[Point], from: usize, to: usize) -> Option<(usize, f32)> {
     let at = |i: usize| {
         let Point { x, y } = contour[i % contour.len()];

@@ -1,25 +1,26 @@
-//! Polygons to pixels: how much of each pixel a polygon covers, exactly, and the blur of a lens.
+//! Polygon rasterisation with exact coverage of each pixel, and lens blur.
 //!
-//! The demo floor and the markers' references are drawn with this, so that what is known about them is known to fractions of
-//! a pixel. A pixel is a square of side 1 around its centre, which has whole coordinates.
+//! The demo floor and the marker references are drawn with this, so their ground truth is exact to
+//! fractions of a pixel. A pixel is a square of side 1 around its centre, which has integer
+//! coordinates.
 //!
 //! # Method
 //!
-//! Row by row, every edge adds the signed area between itself and the right border of the picture to the pixels it passes;
-//! running sums along the row turn that into coverage. Polygons are filled by winding number, parts that are wound twice
-//! count once.
+//! Row by row, each edge adds the signed area between itself and the right border of the picture to
+//! the pixels it crosses; prefix sums along the row convert that into coverage. Polygons are filled
+//! by winding number; areas with winding number two count once.
 
 use imgproc::Size;
 
 /// A point, (x, y) in pixels.
 pub(crate) type Vertex = [f32; 2];
 
-/// Writes to `coverage` the share of each pixel that lies inside a closed polygon, 0 to 1. The polygon may reach out of the
-/// picture.
+/// Writes to `coverage` the share of each pixel inside a closed polygon, 0 to 1. The polygon may
+/// extend beyond the picture.
 ///
 /// # Panics
 ///
-/// When `coverage` has not `size.area()` values.
+/// If the length of `coverage` is not `size.area()`.
 pub(crate) fn fill_polygon(polygon: &[Vertex], size: Size, coverage: &mut [f32]) {
     assert_eq!(
         coverage.len(),
@@ -42,14 +43,15 @@ pub(crate) fn fill_polygon(polygon: &[Vertex], size: Size, coverage: &mut [f32])
     }
 }
 
-/// Standard deviations that [`blur`] takes into account.
+/// Radius of the kernel of [`blur`], in standard deviations.
 const BLUR_REACH: f32 = 3.0;
 
-/// Blurs a plane with a Gaussian, the border repeated outwards. `scratch` may hold anything.
+/// Blurs a plane with a Gaussian; border pixels are repeated outwards. The content of `scratch`
+/// does not matter.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If the length of a slice is not `size.area()`.
 pub(crate) fn blur(plane: &mut [f32], size: Size, sigma_px: f32, scratch: &mut [f32]) {
     assert_eq!(plane.len(), size.area(), "plane does not fit its size");
     assert_eq!(scratch.len(), size.area(), "scratch does not fit its size");
@@ -61,7 +63,7 @@ pub(crate) fn blur(plane: &mut [f32], size: Size, sigma_px: f32, scratch: &mut [
     let total: f32 = (-reach..=reach).map(weight).sum();
     let kernel: Vec<f32> = (-reach..=reach).map(|d| weight(d) / total).collect();
     let taps = kernel.len();
-    // Rows with their ends repeated, so that no tap looks beyond them.
+    // Rows padded with their end values, so that no tap is out of range.
     let mut padded = vec![0.0; size.width + taps - 1];
     for (source, out) in plane
         .chunks_exact(size.width)
@@ -91,7 +93,7 @@ pub(crate) fn blur(plane: &mut [f32], size: Size, sigma_px: f32, scratch: &mut [
     }
 }
 
-/// A polygon's edges, the closing one last.
+/// The edges of a polygon, closing edge last.
 fn edges(polygon: &[Vertex]) -> impl Iterator<Item = (Vertex, Vertex)> + '_ {
     polygon
         .iter()
@@ -99,7 +101,7 @@ fn edges(polygon: &[Vertex]) -> impl Iterator<Item = (Vertex, Vertex)> + '_ {
         .zip(polygon.iter().copied().cycle().skip(1))
 }
 
-/// The part of an edge between two heights.
+/// The part of an edge between two y coordinates.
 fn clip(a: Vertex, b: Vertex, top: f32, bottom: f32) -> Option<(Vertex, Vertex)> {
     let (low, high) = (a[1].min(b[1]), a[1].max(b[1]));
     if low == high || high <= top || low >= bottom {
@@ -123,16 +125,17 @@ fn clip(a: Vertex, b: Vertex, top: f32, bottom: f32) -> Option<(Vertex, Vertex)>
     ))
 }
 
-/// Adds an edge inside one row: afterwards, the running sum over `row` has grown by the area right of the edge.
+/// Adds an edge inside one row: afterwards, the prefix sum over `row` includes the area to the
+/// right of the edge.
 fn add_edge(row: &mut [f32], a: Vertex, b: Vertex) {
-    // From pixel centres to pixel borders: pixel i lies between i and i + 1.
+    // From pixel centres to pixel borders: pixel i is between i and i + 1.
     let (from, to, down) = if a[0] <= b[0] {
         (a[0] + 0.5, b[0] + 0.5, b[1] - a[1])
     } else {
         (b[0] + 0.5, a[0] + 0.5, b[1] - a[1])
     };
     let mut add = |column: isize, height: f32, middle: f32| {
-        // The share of the column's pixel right of the edge, and all of the pixels after it.
+        // The share of the column's pixel to the right of the edge, and all of the pixels after it.
         let right = (column + 1) as f32 - middle;
         if column < 0 {
             row[0] += height;

@@ -1,34 +1,37 @@
-//! A frame as it came from its source, and its decoding into colour planes.
+//! A frame as delivered by its source, and its decoding into colour planes.
 //!
-//! Frames travel through the program in the format in which they were captured: a recording keeps those bytes, and a frame
-//! that is passed over is never decoded. [`decode`] turns one into a [`Picture`], three planes that the algorithms read.
+//! Frames stay in the format in which they were captured: a recording stores those bytes, and a
+//! skipped frame is never decoded. [`decode`] converts one into a [`Picture`], three planes that
+//! the algorithms read.
 //!
 //! # Colour
 //!
-//! Luma and chroma become red, green and blue by the matrix of BT.601, which is what webcams, JPEG and small videos use; the
-//! range is the frame's. A chroma sample counts for all pixels that share it: interpolating chroma would be prettier to look
-//! at, but makes a pixel's colour depend on its neighbours before the background difference has seen it.
+//! Luma and chroma are converted to red, green and blue by the matrix of BT.601, which webcams,
+//! JPEG and small videos use; the range is the frame's. A chroma sample applies to all pixels that
+//! share it. Interpolated chroma would look better, but would make the colour of a pixel depend on
+//! its neighbours before the background difference.
 //!
-//! Arithmetic is in integers, so that a recording gives the same planes on every machine. One loop, `convert`, does all
-//! formats: it reads three plain slices, and each layout is first unpacked into such slices, a short block at a time, which
-//! stays in the first-level cache. Both steps are shaped so that the compiler vectorises them.
+//! The arithmetic uses integers, so a recording gives the same planes on every machine. A single
+//! loop, `convert`, handles all formats: it reads three plain slices. Each layout is first unpacked
+//! into such slices, in short blocks that stay in the L1 cache. Both steps are written so that the
+//! compiler vectorises them.
 //!
 //! # Deliberately absent
 //!
-//! BT.709, gamma and colour profiles: the empty floor and the frames come from the same camera, and only their difference
-//! counts. Raw formats with more than 8 bits a sample: sources refuse them.
+//! BT.709, gamma and colour profiles: the background and the frames come from the same camera, and
+//! only their difference counts. Raw formats with more than 8 bits per sample: sources reject them.
 
 use imgproc::Size;
 
 use crate::image::jpeg::{self, JpegError};
 use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 
-/// How the bytes of a [`Frame`] are laid out. Rows follow each other without padding; planes follow each other.
+/// Layout of the bytes of a [`Frame`]. Rows and planes are contiguous, without padding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
-    /// One byte of luma a pixel.
+    /// One byte of luma per pixel.
     Grey,
-    /// Red, green, blue, a byte each.
+    /// Red, green, blue, one byte each.
     Rgb,
     /// 4:2:2, two pixels in four bytes: Y U Y V.
     Yuyv,
@@ -42,20 +45,21 @@ pub enum PixelFormat {
     I422,
     /// 4:4:4, three planes: Y, U, V.
     I444,
-    /// A JPEG picture, with or without its Huffman tables (MJPEG cameras omit them).
+    /// A JPEG image, with or without its Huffman tables (MJPEG cameras omit them).
     Jpeg,
 }
 
-/// One frame in the format of its source. The buffer is reused from frame to frame.
+/// One frame in the format of its source. The buffer is reused for the next frames.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// Number of the frame in its source, from 0.
+    /// Index of the frame in its source, from 0.
     pub sequence: u64,
-    /// Moment of exposure: `CLOCK_MONOTONIC` for a camera, time since the first frame otherwise.
+    /// Time of exposure: `CLOCK_MONOTONIC` for a camera, otherwise time since the first frame.
     pub stamp_ns: u64,
     /// Layout of `bytes`.
     pub format: PixelFormat,
-    /// Whether luma and chroma use 0 to 255 instead of 16 to 235 and 16 to 240. Says nothing for `Grey`, `Rgb` and `Jpeg`.
+    /// Whether luma and chroma use 0 to 255 instead of 16 to 235 and 16 to 240. Ignored for `Grey`,
+    /// `Rgb` and `Jpeg`.
     pub full_range: bool,
     /// Size of the picture.
     pub size: Size,
@@ -63,7 +67,7 @@ pub struct Frame {
     pub bytes: Vec<u8>,
 }
 
-/// A colour picture as three planes of equal size, full range.
+/// A colour image as three planes of equal size, full range.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
     /// Size of each plane.
@@ -76,7 +80,7 @@ pub struct Picture {
     pub blue: Vec<u8>,
 }
 
-/// Why a frame could not be decoded.
+/// Reasons why a frame cannot be decoded.
 #[derive(Debug, thiserror::Error)]
 pub enum DecodeError {
     /// A side is 0 or longer than [`MAX_SIDE`], or there are more than [`AREA_MAX`] pixels.
@@ -86,10 +90,10 @@ pub enum DecodeError {
         size.height
     )]
     Size {
-        /// What the frame claims.
+        /// Size given by the frame.
         size: Size,
     },
-    /// Raw bytes that are too few or too many for the size and format.
+    /// The number of raw bytes does not match size and format.
     #[error(
         "a {}x{} frame in {format:?} has {expected} bytes, this one has {found}: the source cut it or states a wrong size",
         size.width,
@@ -98,21 +102,22 @@ pub enum DecodeError {
     ByteCount {
         /// Format of the frame.
         format: PixelFormat,
-        /// Size that the frame claims.
+        /// Size given by the frame.
         size: Size,
-        /// Bytes of a frame of this format and size.
+        /// Number of bytes of a frame of this format and size.
         expected: usize,
-        /// Bytes of this frame.
+        /// Number of bytes of this frame.
         found: usize,
     },
-    /// A JPEG picture that is damaged or has another size than its frame.
+    /// A JPEG image that is damaged or differs in size from its frame.
     #[error(transparent)]
     Jpeg(#[from] JpegError),
 }
 
 impl PixelFormat {
-    /// Bytes of a frame of this format and size; `None` for [`PixelFormat::Jpeg`], whose length is its own, and for a size
-    /// with a side of 0 or above [`MAX_SIDE`], or an area above [`AREA_MAX`].
+    /// Number of bytes of a frame of this format and size. `None` for [`PixelFormat::Jpeg`], whose
+    /// length varies, and for a size with a side of 0 or above [`MAX_SIDE`], or an area above
+    /// [`AREA_MAX`].
     #[must_use]
     pub const fn frame_bytes(self, size: Size) -> Option<usize> {
         if !size_is_possible(size) {
@@ -132,7 +137,7 @@ impl PixelFormat {
 }
 
 impl Frame {
-    /// A frame without pixels, to be filled by a source.
+    /// An empty frame, to be filled by a source.
     #[must_use]
     pub const fn empty() -> Self {
         Self {
@@ -162,7 +167,7 @@ impl Picture {
         }
     }
 
-    /// Gives the picture another size and keeps the memory of its planes; what they show afterwards is arbitrary.
+    /// Changes the size and reuses the memory of the planes; their content is arbitrary afterwards.
     pub fn resize(&mut self, size: Size) {
         self.size = size;
         for plane in [&mut self.red, &mut self.green, &mut self.blue] {
@@ -171,12 +176,13 @@ impl Picture {
     }
 }
 
-/// Decodes a frame into three full-range planes. The picture takes the frame's size; its memory is reused, and a raw format
-/// allocates nothing once the picture has this size.
+/// Decodes a frame into three full-range planes. The picture takes the frame's size and reuses its
+/// memory; a raw format does not allocate if the size is unchanged.
 ///
 /// # Errors
 ///
-/// [`DecodeError`] when the bytes are no picture of the frame's size and format. The picture's content is arbitrary then.
+/// [`DecodeError`] if the bytes do not match the frame's size and format. The picture's content is
+/// then arbitrary.
 pub fn decode(frame: &Frame, picture: &mut Picture) -> Result<(), DecodeError> {
     let size = frame.size;
     if !size_is_possible(size) {
@@ -209,7 +215,7 @@ pub fn decode(frame: &Frame, picture: &mut Picture) -> Result<(), DecodeError> {
     Ok(())
 }
 
-/// Red, green, blue triples into planes.
+/// Splits interleaved red, green, blue samples into planes.
 fn split_rgb(interleaved: &[u8], picture: &mut Picture) {
     let planes = picture
         .red
@@ -221,17 +227,18 @@ fn split_rgb(interleaved: &[u8], picture: &mut Picture) {
     }
 }
 
-/// Pixels that are unpacked at a time. Even, so that a block never begins inside a pair of pixels that share their chroma.
+/// Number of pixels unpacked at a time. Even, so that a block never starts inside a pair of pixels
+/// that share chroma.
 const BLOCK: usize = 128;
 
-/// One block of pixels with a luma and two chroma samples each.
+/// One block of pixels with one luma and two chroma samples each.
 struct Block {
     y: [u8; BLOCK],
     u: [u8; BLOCK],
     v: [u8; BLOCK],
 }
 
-/// Every format with luma and chroma. The frame's length has been checked.
+/// Decodes any format with luma and chroma. The length of the frame has been checked.
 fn decode_yuv<const FULL_RANGE: bool>(frame: &Frame, picture: &mut Picture) {
     let width = frame.size.width;
     let bytes = frame.bytes.as_slice();
@@ -291,7 +298,7 @@ fn decode_yuv<const FULL_RANGE: bool>(frame: &Frame, picture: &mut Picture) {
     }
 }
 
-/// Converts one row block by block; `unpack` fills the block that begins at the given pixel.
+/// Converts one row block by block; `unpack` fills the block that starts at the given pixel.
 fn in_blocks<const FULL_RANGE: bool>(
     [red, green, blue]: [&mut [u8]; 3],
     block: &mut Block,
@@ -307,13 +314,13 @@ fn in_blocks<const FULL_RANGE: bool>(
     }
 }
 
-/// As many of the first samples as fit.
+/// Copies as many samples as fit.
 fn copy_start(samples: &[u8], block: &mut [u8; BLOCK]) {
     let n = samples.len().min(BLOCK);
     block[..n].copy_from_slice(&samples[..n]);
 }
 
-/// Each chroma sample for two pixels.
+/// Uses each chroma sample for two pixels.
 fn double(samples: impl Iterator<Item = u8>, block: &mut [u8; BLOCK]) {
     for (pair, sample) in block.as_chunks_mut::<2>().0.iter_mut().zip(samples) {
         *pair = [sample; 2];
@@ -339,25 +346,28 @@ fn unpack_packed(pairs: &[[u8; 4]], luma_first: bool, block: &mut Block) {
 
 /// Fraction bits of the sums from which the colours are rounded.
 ///
-/// All arithmetic fits 16 bits, so that a vector register holds as many pixels as possible. A product keeps its upper 16 bits,
-/// which is one instruction where a 32-bit product takes several; so samples are shifted up and factors have
-/// [`FACTOR_BITS`] bits of fraction, such that both just fit and the upper half has this fraction. The largest sum, white with
-/// the strongest blue difference, is 32 * (278 + 258).
+/// All arithmetic fits 16 bits, for the largest number of pixels per vector register. A product
+/// keeps its upper 16 bits, which is one instruction, while a 32-bit product takes several. So
+/// samples are shifted up and factors have [`FACTOR_BITS`] fraction bits, such that both just fit
+/// and the upper half has `SUM_BITS` fraction bits. The largest sum, white with the largest blue
+/// difference, is 32 * (278 + 258).
 const SUM_BITS: u32 = 5;
 /// Fraction bits of the factors; the largest is 2.017.
 const FACTOR_BITS: u32 = 13;
-/// How far a sample is shifted up before it is multiplied by a factor: a colour difference then fills 16 bits.
+/// Left shift of a sample before it is multiplied by a factor: a colour difference then fills 16
+/// bits.
 const CHROMA_SHIFT: u32 = SUM_BITS + 16 - FACTOR_BITS;
-/// The factor of luma is at most 1.164 and has one bit more, because luma can be shifted by one bit less.
+/// The factor of luma is at most 1.164 and has one bit more, because luma is shifted by one bit
+/// less.
 const LUMA_SHIFT: u32 = CHROMA_SHIFT - 1;
 
 /// Weights of red and blue in luma (BT.601, 2.5.1).
 const KR: f64 = 0.299;
 const KB: f64 = 0.114;
 
-/// What luma and the colour differences contribute to each colour, in fixed point.
+/// Contributions of luma and colour differences to each colour, in fixed point.
 struct Factors {
-    /// Code of black.
+    /// Luma of black.
     black: i16,
     luma: i16,
     red_v: i16,
@@ -369,11 +379,13 @@ struct Factors {
 /// Solves BT.601's definitions of luma and of the colour differences for the colours:
 ///
 /// ```text
-/// R = y + 2 (1 - Kr) v      G = y - (2 Kb (1 - Kb) u + 2 Kr (1 - Kr) v) / Kg      B = y + 2 (1 - Kb) u
+/// R = y + 2 (1 - Kr) v
+/// G = y - (2 Kb (1 - Kb) u + 2 Kr (1 - Kr) v) / Kg
+/// B = y + 2 (1 - Kb) u
 /// ```
 ///
-/// with Kg = 1 - Kr - Kb, y from 0 to 1 and u, v from -1/2 to 1/2. Limited range stretches y from 219 steps above 16 to 255
-/// steps, and u, v from 224 steps.
+/// with Kg = 1 - Kr - Kb, y from 0 to 1 and u, v from -1/2 to 1/2. Limited range stretches y from
+/// 219 steps above 16 to 255 steps, and u, v from 224 steps.
 const fn factors(full_range: bool) -> Factors {
     const fn fixed_point(factor: f64, bits: u32) -> i16 {
         (factor * (1 << bits) as f64 + 0.5) as i16
@@ -393,10 +405,11 @@ const fn factors(full_range: bool) -> Factors {
     }
 }
 
-/// Red, green and blue of as many pixels as `red` has; `y`, `u` and `v` hold one sample a pixel and may be longer.
+/// Computes red, green and blue for the length of `red`; `y`, `u` and `v` have one sample per pixel
+/// and may be longer.
 ///
-/// Out of line, with a parameter for each slice: only so does the compiler know that the planes do not overlap (640x480
-/// pixels in 4:2:0 take 0.28 ms instead of 0.41).
+/// Out of line with one parameter per slice, so that the compiler knows that the planes do not
+/// overlap (640x480 pixels in 4:2:0 take 0.28 ms instead of 0.41).
 #[inline(never)]
 fn convert<const FULL_RANGE: bool>(
     y: &[u8],
@@ -460,7 +473,7 @@ mod tests {
         Ok(picture)
     }
 
-    /// One pixel, from the definitions of the layouts and of BT.601, not rounded.
+    /// One pixel, computed from the definitions of the layouts and of BT.601, without rounding.
     fn naive_pixel(frame: &Frame, x: usize, y: usize) -> [f64; 3] {
         let Size { width, height } = frame.size;
         let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
@@ -503,14 +516,16 @@ mod tests {
         };
         let red = luma + 1.402 * v;
         let blue = luma + 1.772 * u;
-        // Green by the definition of luma, Y = 0.299 R + 0.587 G + 0.114 B, independent of the factors in the code.
+        // Green from the definition of luma, Y = 0.299 R + 0.587 G + 0.114 B, independent of the
+        // factors in the code.
         let green = (luma - 0.299 * red - 0.114 * blue) / 0.587;
         [red, green, blue].map(|colour| colour.clamp(0.0, 255.0))
     }
 
     proptest! {
-        /// The result is rounded (half a level); of its products, at most two are rounded down in the same direction (a step of
-        /// the sum each); and at most three factors are off by half a step of their fraction, times a sample of at most 255.
+        /// Tolerance: rounding of the result (half a level); at most two products rounded down in
+        /// the same direction (one step of the sum each); and at most three factors off by half a
+        /// step of their fraction, times a sample of at most 255.
         #[test]
         fn raw_formats_match_the_definition(
             format in prop::sample::select(&RAW_FORMATS[..]),
@@ -520,7 +535,8 @@ mod tests {
         ) {
             let mut frame = frame(format, full_range, size, &[]);
             let n = format.frame_bytes(frame.size).expect("a raw format");
-            // A short random sequence of prime length: no row or plane begins with the same sample as its neighbour.
+            // A short random sequence of prime length, so that no row or plane starts with the same
+            // sample as its neighbour.
             frame.bytes = seed.iter().copied().cycle().take(n).collect();
             let picture = decoded(&frame).expect("a correct frame");
             let step = |bits: u32| 0.5_f64.powi(bits as i32);
@@ -550,7 +566,8 @@ mod tests {
 
     #[test]
     fn limited_range_reaches_black_white_and_the_primaries() {
-        // Y, U, V of black, white and saturated red in limited range; 81, 90, 240 is the textbook's red.
+        // Y, U, V of black, white and saturated red in limited range; 81, 90, 240 is the textbook
+        // value for red.
         let bytes = [16, 235, 81, 128, 128, 90, 128, 128, 240];
         let picture = decoded(&frame(PixelFormat::I444, false, (3, 1), &bytes)).expect("a frame");
         assert_eq!(picture.red, [0, 255, 254]);

@@ -1,14 +1,17 @@
-//! JPEG pictures as cameras and files deliver them (ITU-T T.81): completeness, missing Huffman tables, decoding.
+//! JPEG images from cameras and files (ITU-T T.81): check for completeness, missing Huffman tables,
+//! decoding.
 //!
-//! [`zune_jpeg`] decodes. What it does not do, this module does first, on one walk over the picture:
+//! [`zune_jpeg`] decodes. This module first does what the decoder does not, in one pass over the
+//! image:
 //!
-//! * a picture whose data end before its pixels do is refused, with or without an end marker behind them: the decoder would fill
-//!   the rest with grey, which the background difference would take for an object. `scan` reads every code to know;
-//! * the size is compared before anything is allocated;
-//! * Motion-JPEG cameras omit the Huffman tables, because they are always the standard's; they are put
-//!   back for the decoder;
-//! * what cameras do to pictures that are whole all the same is mended: a missing end marker, fill bytes before restart markers,
-//!   stray bytes behind the data.
+//! * an image whose data end early is rejected, with or without an end marker: the decoder would
+//!   fill the rest with grey, which the background difference would take for an object. `scan`
+//!   reads every code to detect this;
+//! * the size is checked before anything is allocated;
+//! * Motion-JPEG cameras omit the Huffman tables, because they always use those of the standard;
+//!   they are inserted for the decoder;
+//! * harmless defects of camera images are repaired: a missing end marker, fill bytes before
+//!   restart markers, stray bytes after the data.
 
 mod huffman;
 mod scan;
@@ -26,46 +29,46 @@ use crate::image::jpeg::huffman::{Tables, define, standard_tables};
 use crate::image::jpeg::scan::{Coding, FrameHeader, ScanError, next_marker};
 use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 
-/// Second byte of the markers that matter here (T.81, table B.1).
+/// Second byte of the relevant markers (T.81, table B.1).
 const HUFFMAN_TABLES: u8 = 0xc4;
 const START_OF_IMAGE: u8 = 0xd8;
 const END_OF_IMAGE: u8 = 0xd9;
 const START_OF_SCAN: u8 = 0xda;
 const RESTART_INTERVAL: u8 = 0xdd;
 
-/// Most scans of a picture. Programs write up to about ten, and each costs time even where it has no data.
+/// Maximum number of scans. Encoders write up to about ten, and each costs time even without data.
 const SCANS_MAX: usize = 100;
 
-/// Why a JPEG picture cannot be used.
+/// Reasons to reject a JPEG image.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum JpegError {
-    /// The bytes do not begin like a JPEG picture, or what follows has no structure.
+    /// The bytes do not start like a JPEG image, or have no segment structure.
     #[error("not a JPEG picture: no segment begins at byte {at} of {length}")]
     NotJpeg {
-        /// Where a segment should begin.
+        /// Position where a segment was expected.
         at: usize,
-        /// Bytes given.
+        /// Number of bytes.
         length: usize,
     },
-    /// The picture ends before its pixels do.
+    /// The data end before the last pixel.
     #[error("JPEG picture cut off: its {length} bytes do not hold all of its pixels")]
     Truncated {
-        /// Bytes given.
+        /// Number of bytes.
         length: usize,
     },
-    /// The picture ends without having had a frame header or a scan.
+    /// The image has no frame header or no scan.
     #[error("JPEG picture without pixels: it has no frame header or no scan")]
     Empty,
-    /// The header claims more pixels than a picture may have.
+    /// The size in the header is above the limit.
     #[error(
         "JPEG picture that claims {}x{} pixels: sides must be 1 to {MAX_SIDE} pixels, and no more than {AREA_MAX} in all",
         claimed.width, claimed.height
     )]
     TooLarge {
-        /// Size in the picture's header.
+        /// Size in the image header.
         claimed: Size,
     },
-    /// The picture has another size than its frame.
+    /// The size of the image differs from that of its frame.
     #[error(
         "JPEG picture of {}x{} pixels where {}x{} were expected: all frames of a source must have one size",
         found.width, found.height, expected.width, expected.height
@@ -73,10 +76,10 @@ pub enum JpegError {
     Size {
         /// Size of the frame.
         expected: Size,
-        /// Size in the picture's header.
+        /// Size in the image header.
         found: Size,
     },
-    /// The coded data have no meaning, or the decoder gave up.
+    /// The coded data are invalid, or the decoder failed.
     #[error("damaged JPEG picture: {reason}")]
     Damaged {
         /// What is wrong.
@@ -84,32 +87,33 @@ pub enum JpegError {
     },
 }
 
-/// What one walk over a picture finds.
+/// Result of one pass over an image.
 struct Layout {
     size: Size,
     /// Whether any Huffman tables are defined.
     has_tables: bool,
-    /// Where the first scan's header begins.
+    /// Position of the header of the first scan.
     first_scan: usize,
-    /// Behind the last scan, or behind the end marker if there is one. Cameras pad their buffers behind it.
+    /// Position after the last scan, or after the end marker if there is one. Cameras append
+    /// padding.
     end: usize,
     has_end_marker: bool,
-    /// Stretches in scans that belong to nothing.
+    /// Stray bytes in scans.
     junk: Vec<Range<usize>>,
 }
 
-/// Size of a JPEG picture that is whole: its data hold all of its pixels.
+/// Size of a complete JPEG image.
 ///
 /// # Errors
 ///
-/// [`JpegError`] when the bytes are not one whole JPEG picture.
+/// [`JpegError`] if the bytes are not one complete JPEG image.
 pub fn size(jpeg: &[u8]) -> Result<Size, JpegError> {
     walk(jpeg).map(|layout| layout.size)
 }
 
-/// The picture as every decoder reads it: with the standard's Huffman tables (T.81, K.3) before its first scan, if it has none of
-/// its own, with an end-of-image marker, without what follows that, and without stray bytes. Borrowed when nothing had to be
-/// mended.
+/// The image in a form that every decoder reads: with the standard Huffman tables (T.81, K.3)
+/// before its first scan if it has none, with an end-of-image marker and nothing after it, and
+/// without stray bytes. Borrowed if no repair was needed.
 fn mended<'a>(jpeg: &'a [u8], layout: &Layout) -> Cow<'a, [u8]> {
     let picture = &jpeg[..layout.end];
     if layout.has_tables && layout.has_end_marker && layout.junk.is_empty() {
@@ -132,11 +136,11 @@ fn mended<'a>(jpeg: &'a [u8], layout: &Layout) -> Cow<'a, [u8]> {
     Cow::Owned(mended)
 }
 
-/// Decodes a colour or grey picture to red, green, blue triples, `3 * expected.area()` bytes.
+/// Decodes a colour or grey image to red, green, blue triples, `3 * expected.area()` bytes.
 ///
 /// # Errors
 ///
-/// [`JpegError`] when the picture is not whole or not of the expected size, or its coded data are damaged.
+/// [`JpegError`] if the image is incomplete, its size differs, or its coded data are damaged.
 pub fn decode_rgb(jpeg: &[u8], expected: Size) -> Result<Vec<u8>, JpegError> {
     let layout = walk(jpeg)?;
     if layout.size != expected {
@@ -159,7 +163,7 @@ pub fn decode_rgb(jpeg: &[u8], expected: Size) -> Result<Vec<u8>, JpegError> {
     Ok(rgb)
 }
 
-/// Walks from segment to segment, so that a marker inside a thumbnail or a comment is not taken for one of the picture's, and
+/// Walks from segment to segment, so that markers inside a thumbnail or a comment are skipped, and
 /// through the data of each scan.
 fn walk(jpeg: &[u8]) -> Result<Layout, JpegError> {
     let length = jpeg.len();
@@ -181,7 +185,7 @@ fn walk(jpeg: &[u8]) -> Result<Layout, JpegError> {
         let rest = &jpeg[at.min(jpeg.len())..];
         let is_whole = first_scan.is_some() && frame.as_ref().is_some_and(FrameHeader::is_complete);
         match rest {
-            // Fewer bytes than a marker has are left of a padding; a start of image begins another picture.
+            // Either less than a marker is left of the padding, or another image starts.
             [] | [_] | [0xff, START_OF_IMAGE, ..] if is_whole => break false,
             // Any number of fill bytes may precede a marker.
             [0xff, 0xff, ..] => at += 1,
@@ -260,8 +264,8 @@ fn walk(jpeg: &[u8]) -> Result<Layout, JpegError> {
     })
 }
 
-/// The picture without the zeros with which a camera pads its buffer: where there is no end marker, they would be read as pixels. A
-/// single one may belong to the data, as one behind a 255 does.
+/// The image without the zeros with which a camera pads its buffer: without an end marker they
+/// would be read as pixels. A single zero may belong to the data, for example after a 255.
 fn without_padding(jpeg: &[u8]) -> &[u8] {
     let end = jpeg
         .iter()
@@ -274,7 +278,7 @@ fn without_padding(jpeg: &[u8]) -> &[u8] {
 
 fn define_standard(tables: &mut Tables) {
     let segment = standard_tables();
-    // Marker and length come before the tables.
+    // Marker and length precede the tables.
     let defined = define(tables, &segment[4..]);
     debug_assert!(defined.is_some());
 }
@@ -295,7 +299,7 @@ fn frame_header(marker: u8, content: &[u8]) -> Result<FrameHeader, JpegError> {
     })
 }
 
-/// The first marker that does not belong to the coded data.
+/// Position of the first marker that does not belong to the coded data.
 fn end_of_other_coding(jpeg: &[u8], mut at: usize) -> usize {
     loop {
         at = next_marker(jpeg, at);

@@ -1,4 +1,5 @@
-//! Single picture files, PNG and JPEG, and PNG files to be written. What a file is, its first bytes say, not its name.
+//! Single image files: PNG and JPEG are read, PNG is written. The format is detected from the first
+//! bytes, not the name.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -7,7 +8,7 @@ use crate::image::frame::{DecodeError, Frame, Picture, PixelFormat, decode};
 use crate::image::jpeg::{self, JpegError};
 use crate::image::png::{self, Png, PngError};
 
-/// Why a picture file cannot be used.
+/// Reasons to reject an image file.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
     /// The file cannot be read.
@@ -15,7 +16,7 @@ pub enum PictureError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
     /// The file is neither PNG nor JPEG.
@@ -24,7 +25,7 @@ pub enum PictureError {
         /// The file.
         path: PathBuf,
     },
-    /// A PNG file that cannot be read.
+    /// A PNG file that cannot be decoded.
     #[error("{}: {source}", path.display())]
     Png {
         /// The file.
@@ -32,7 +33,7 @@ pub enum PictureError {
         /// What is wrong with it.
         source: PngError,
     },
-    /// A picture of the floor that shows through in part.
+    /// A picture of the floor with fully transparent parts.
     #[error(
         "{}: {percent:.1} % of it is fully transparent, so that there is no floor to compare with: save it without transparency; \
          which part of the picture is looked at, --region says", path.display()
@@ -40,7 +41,7 @@ pub enum PictureError {
     Transparent {
         /// The file.
         path: PathBuf,
-        /// Share of its pixels.
+        /// Percentage of transparent pixels.
         percent: f64,
     },
     /// A damaged JPEG file.
@@ -65,13 +66,13 @@ pub enum PictureError {
 ///
 /// # Errors
 ///
-/// [`PictureError`] when the file cannot be read or is damaged.
+/// [`PictureError`] if the file cannot be read or is damaged.
 pub fn read_picture(path: &Path) -> Result<Picture, PictureError> {
     read_with_alpha(path, None).map(|(picture, _)| picture)
 }
 
-/// Reads and decodes a PNG or JPEG file, and how opaque each pixel is, where the file says so. If samples have 16 bits, `n_bits` of
-/// them are in use; not given, what the file itself tells.
+/// Reads and decodes a PNG or JPEG file, with the alpha of each pixel if there is an alpha channel.
+/// In samples of 16 bits, `n_bits` bits are used; `None` takes the value from the file.
 pub(crate) fn read_with_alpha(
     path: &Path,
     n_bits: Option<u8>,
@@ -105,7 +106,8 @@ pub(crate) fn read_png(file: &[u8], path: &Path) -> Result<Png, PictureError> {
     })
 }
 
-/// The colours of a PNG file. If samples have 16 bits, `n_bits` of them are in use; not given, what the file itself tells.
+/// The colours of a PNG file. In samples of 16 bits, `n_bits` bits are used; `None` takes the value
+/// from the file.
 pub(crate) fn png_picture(png: &Png, n_bits: Option<u8>) -> Picture {
     let colours = png.colours(n_bits.or_else(|| png.n_bits()));
     let n = if png.has_colour { 3 } else { 1 };
@@ -118,11 +120,11 @@ pub(crate) fn png_picture(png: &Png, n_bits: Option<u8>) -> Picture {
     }
 }
 
-/// The picture as a PNG file.
+/// Encodes the picture as a PNG file.
 ///
 /// # Panics
 ///
-/// If the picture is empty or its planes do not have its size.
+/// If the picture is empty or its planes do not match its size.
 #[must_use]
 pub fn write_png(picture: &Picture) -> Vec<u8> {
     let channels = picture.red.iter().zip(&picture.green).zip(&picture.blue);
@@ -132,7 +134,8 @@ pub fn write_png(picture: &Picture) -> Vec<u8> {
     png::write(picture.size, ::png::ColorType::Rgb, &interleaved, None)
 }
 
-/// Fills format, size and bytes of a frame from a file. True if samples are above what the given number of bits allows.
+/// Fills format, size and bytes of a frame from a file. Returns true if samples exceed the given
+/// number of bits.
 pub(crate) fn read_frame(
     path: &Path,
     n_bits: Option<u8>,

@@ -1,8 +1,8 @@
-//! PNG files: what is in them, and pictures as such files.
+//! PNG files: reading and writing.
 //!
-//! The format stores samples of 16 bits, scaled to the whole range. Industrial cameras have 10, 12 or 14 bits, and the programs
-//! that save their pictures often put these numbers into the file as they are; taken by the letter, such a picture is almost black.
-//! [`Png::n_bits`] tells how many bits are in use.
+//! The format stores samples of 16 bits, scaled to the full range. Industrial cameras have 10, 12
+//! or 14 bits, and their software often stores the values unscaled; interpreted according to the
+//! standard, such a picture is almost black. [`Png::n_bits`] detects how many bits are in use.
 
 use std::io::Cursor;
 
@@ -14,22 +14,22 @@ use crate::image::limits::{AREA_MAX, MAX_SIDE, size_is_possible};
 /// First bytes of every PNG file.
 pub(crate) const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// No more bytes come out of a compressed one.
+/// Maximum compression ratio.
 const COMPRESSION_MAX: usize = 1_040;
 
-/// Samples of 16 bits of which no one reaches this value use fewer bits, unless they are those of 8 bits scaled: a sixteenth of the
-/// range is almost black.
+/// If all samples of 16 bits are below this value, fewer bits are in use, unless they are scaled
+/// from 8 bits: a sixteenth of the range is almost black.
 const BLACK: u16 = 1 << 12;
-/// The same for pictures that could also be dark ones, which only their lowest bits tell.
+/// The same for pictures that may also just be dark, which only their lowest bits can show.
 const DARK: u16 = 1 << 14;
 
-/// Why a PNG file cannot be read.
+/// Reasons to reject a PNG file.
 #[derive(Debug, thiserror::Error)]
 pub enum PngError {
-    /// It is damaged.
+    /// The file is damaged.
     #[error("damaged PNG file: {0}")]
     Damaged(#[from] DecodingError),
-    /// The header claims more pixels than a picture may have, or than there can be in so few bytes.
+    /// The size in the header is above the limit, or impossible for the length of the file.
     #[error(
         "PNG file of {n_bytes} bytes that claims {}x{} pixels: sides must be 1 to {MAX_SIDE} pixels, no more than {AREA_MAX} in \
          all, and all in the file", claimed.width, claimed.height
@@ -48,11 +48,11 @@ pub(crate) struct Png {
     pub(crate) has_colour: bool,
     pub(crate) has_alpha: bool,
     is_deep: bool,
-    /// As the file says, the bits that its samples had before they were scaled to 16.
+    /// Bits per sample before scaling to 16, as stated in the file.
     stated_bits: Option<u8>,
-    /// Keys and values.
+    /// Text chunks: keys and values.
     texts: Vec<(String, String)>,
-    /// One or two bytes, the higher one first.
+    /// One or two bytes each, high byte first.
     samples: Vec<u8>,
 }
 
@@ -60,7 +60,7 @@ impl Png {
     pub(crate) fn read(file: &[u8]) -> Result<Self, PngError> {
         let bytes = 8 * AREA_MAX;
         let mut decoder = Decoder::new_with_limits(Cursor::new(file), Limits { bytes });
-        // Palettes become colours, and samples of fewer than 8 bits 8.
+        // Palettes become colours, and samples of fewer than 8 bits become 8 bits.
         decoder.set_transformations(Transformations::EXPAND);
         let header = decoder.read_header_info()?;
         let claimed = Size {
@@ -104,7 +104,7 @@ impl Png {
         })
     }
 
-    /// The value of a text in the file.
+    /// The value of a text chunk.
     pub(crate) fn text(&self, key: &str) -> Option<&str> {
         let text = self.texts.iter().find(|(found, _)| found == key)?;
         Some(&text.1)
@@ -115,7 +115,7 @@ impl Png {
         n_colours + usize::from(self.has_alpha)
     }
 
-    /// Samples of 16 bits, but for alpha.
+    /// Samples of 16 bits, without alpha.
     fn deep_colours(&self) -> impl Iterator<Item = u16> {
         let (n, has_alpha) = (self.n_channels(), self.has_alpha);
         let samples = self.samples.as_chunks::<2>().0.iter().enumerate();
@@ -123,8 +123,8 @@ impl Png {
         colours.map(|(_, sample)| u16::from_be_bytes(*sample))
     }
 
-    /// How many bits of a sample are in use, from the lowest on, by what the file says of itself and by its values; `None` where it
-    /// has no samples of 16 bits, or only black ones.
+    /// Number of low bits of a sample that are in use, according to the file's metadata and its
+    /// values; `None` if it has no samples of 16 bits, or only black ones.
     pub(crate) fn n_bits(&self) -> Option<u8> {
         if !self.is_deep {
             return None;
@@ -134,8 +134,8 @@ impl Png {
             let is_scaled = u32::from(largest) >> stated > 0;
             return Some(if is_scaled { 16 } else { stated });
         }
-        // 8 bits that were scaled: both bytes alike, or nothing in the lower one. So large steps, and others up to 12 bits moved up,
-        // leave the lowest bits of all samples empty.
+        // Scaled from 8 bits: both bytes equal, or the low byte zero. Such large steps, and values
+        // of up to 12 bits shifted up, leave the lowest bits of all samples zero.
         let is_scaled = self.deep_colours().all(|sample| sample % 257 == 0)
             || self.deep_colours().all(|sample| sample % 256 == 0)
             || (largest >= BLACK && self.deep_colours().all(|sample| sample % 4 == 0));
@@ -147,12 +147,12 @@ impl Png {
             .find(|&bits| largest >> bits == 0)
     }
 
-    /// Whether a sample exceeds so many bits.
+    /// Whether a sample exceeds this many bits.
     pub(crate) fn exceeds(&self, n_bits: u8) -> bool {
         n_bits < 16 && self.is_deep && self.deep_colours().any(|sample| sample >> n_bits > 0)
     }
 
-    /// Grey, or red, green and blue triples, of which `n_bits` are used if they have 16.
+    /// Grey samples, or red, green and blue triples. Of samples with 16 bits, `n_bits` are used.
     pub(crate) fn colours(&self, n_bits: Option<u8>) -> Vec<u8> {
         if self.is_deep {
             let white = u32::from(u16::MAX) >> (16 - n_bits.unwrap_or(16).clamp(1, 16));
@@ -169,7 +169,7 @@ impl Png {
             .collect()
     }
 
-    /// How opaque each pixel is, if the file says so.
+    /// The alpha of each pixel, if there is an alpha channel.
     pub(crate) fn alpha(&self) -> Option<Vec<u8>> {
         let n_bytes = if self.is_deep { 2 } else { 1 };
         let pixels = self.samples.chunks_exact(n_bytes * self.n_channels());
@@ -178,25 +178,25 @@ impl Png {
     }
 }
 
-/// Whether nothing is in a file but its header, its pixels and its end.
+/// Whether a file contains only its header, its pixels and its end.
 pub(crate) fn is_bare(file: &[u8]) -> bool {
     let mut rest = file.get(SIGNATURE.len()..).unwrap_or_default();
     while let Some((&[a, b, c, d, kind @ ..], _)) = rest.split_first_chunk::<8>() {
         if ![*b"IHDR", *b"IDAT", *b"IEND"].contains(&kind) {
             return false;
         }
-        // Length, kind and checksum take 12 bytes.
+        // Length, type and checksum take 12 bytes.
         let length = u32::from_be_bytes([a, b, c, d]) as usize;
         rest = rest.get(12 + length..).unwrap_or_default();
     }
     true
 }
 
-/// Pixels of 8 bits a sample as a PNG file, with a text in it if one is given.
+/// Encodes pixels of 8 bits per sample as a PNG file, with an optional text chunk.
 ///
 /// # Panics
 ///
-/// When the size is zero or the samples are not those of the size.
+/// If the size is zero or does not match the number of samples.
 pub(crate) fn write(
     size: Size,
     colour: ColorType,

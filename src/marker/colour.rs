@@ -1,23 +1,25 @@
-//! The colour that tells a marker from its plate.
+//! The colour that separates a marker from its plate.
 //!
-//! The paper splits by intensity, which is one direction of colour space. A red marker on white is as bright as a shadow on it; along
-//! the line from white to red the two are far apart. Here that line is the main direction of the shape's chromaticities.
+//! The paper separates by intensity, which is one direction of colour space. A red marker on white
+//! is as bright as a shadow on it, but along the line from white to red the two are far apart. That
+//! line is found as the principal axis of the shape's chromaticities.
 
 use imgproc::Bounds;
 
 use crate::image::frame::Picture;
 
-/// Standard deviation of the chromaticities along their main direction, grey levels, from which on there is a colour.
+/// Minimum standard deviation of the chromaticities along their principal axis, grey levels. Below
+/// it there is no colour.
 const SPREAD_MIN: f32 = 10.0;
 
-/// Levels of the plate and of the marker in the projection.
+/// Levels of plate and marker in the projection.
 const PLATE_LEVEL: f32 = 230.0;
 const MARKER_LEVEL: f32 = 40.0;
 
-/// Differences of colour are not magnified more than this, and their noise with them.
+/// Maximum amplification of colour differences, and thus of their noise.
 const GAIN_MAX: f32 = 2.0;
 
-/// Sums over some pixels: of 1, the saturation, the chromaticity and its products.
+/// Sums over a set of pixels: of 1, the saturation, the chromaticity and its products.
 #[derive(Debug, Default, Clone, Copy)]
 struct Moments {
     n: i64,
@@ -29,7 +31,7 @@ struct Moments {
     vv: i64,
 }
 
-/// Intensity of a rectangle of the picture: what the eye calls brightness, in 8 bits (BT.601).
+/// Intensity of a rectangle of the picture: luma in 8 bits (BT.601).
 pub(crate) fn intensity(picture: &Picture, bounds: Bounds, grey: &mut [u8]) {
     let width = bounds.size().width;
     for (y, grey) in grey.chunks_exact_mut(width).enumerate() {
@@ -46,10 +48,10 @@ pub(crate) fn intensity(picture: &Picture, bounds: Bounds, grey: &mut [u8]) {
     }
 }
 
-/// Projects the colours of a rectangle so that what is colourless is light and what is not is dark. `mask` says which pixels of the rectangle
-/// count for the choice of the direction; all are projected.
+/// Projects the colours of a rectangle so that colourless pixels are light and coloured ones are
+/// dark. `mask` selects the pixels used to choose the direction; all pixels are projected.
 ///
-/// Returns by how much the noise of a channel grows; `None` where there is no colour.
+/// Returns the factor by which the noise of a channel grows; `None` if there is no colour.
 pub(crate) fn project(
     picture: &Picture,
     bounds: Bounds,
@@ -69,7 +71,7 @@ pub(crate) fn project(
     let vv = all.vv as f32 / n - v * v;
     let root = ((uu - vv) * (uu - vv) / 4.0 + uv * uv).sqrt();
     let spread = (uu + vv) / 2.0 + root;
-    // Without pixels it is not a number.
+    // NaN if the mask is empty.
     if spread.is_nan() || spread < SPREAD_MIN * SPREAD_MIN {
         return None;
     }
@@ -98,7 +100,7 @@ pub(crate) fn project(
     for (out, colours) in out.chunks_exact_mut(size.width).zip(rows(picture, bounds)) {
         for (out, colour) in out.iter_mut().zip(colours) {
             let towards_marker = (along(colour) - plate) * apart.signum();
-            // Rounded: what is below zero becomes zero.
+            // Rounded; the cast turns negative values into zero.
             *out = (PLATE_LEVEL - gain * towards_marker + 0.5) as u8;
         }
     }
@@ -120,7 +122,7 @@ fn rows(
     })
 }
 
-/// Calls `found` with the colours of a rectangle that the mask counts.
+/// Calls `found` with the colours of the masked pixels of a rectangle.
 fn each_counted(picture: &Picture, bounds: Bounds, mask: &[u8], mut found: impl FnMut([u8; 3])) {
     let width = bounds.size().width;
     for (mask, colours) in mask.chunks_exact(width).zip(rows(picture, bounds)) {
@@ -129,7 +131,7 @@ fn each_counted(picture: &Picture, bounds: Bounds, mask: &[u8], mut found: impl 
     }
 }
 
-/// Red and blue, each less green.
+/// Red minus green, and blue minus green.
 fn chromaticity([red, green, blue]: [u8; 3]) -> [i32; 2] {
     [red, blue].map(|channel| i32::from(channel) - i32::from(green))
 }

@@ -1,26 +1,31 @@
-//! From the pixels of one shape to the contours of the dark figures on its bright plates (section 2.2.1 of the paper).
+//! From the pixels of one shape to the contours of the dark figures on its bright plates (section
+//! 2.2.1 of the paper).
 //!
-//! 1. The shape's pixels are split into light and dark by their histogram, threshold half-way between the two.
-//! 2. Every light region is a plate that may carry a marker. Its contour, filled, takes in what is dark inside it.
-//! 3. Inside the plate, the split is made again, now that rim, robot and floor no longer count; the largest dark
-//!    region that light surrounds is the marker.
-//! 4. Light and dark levels are taken once more, around the marker; its contour is the line half-way
-//!    between them.
+//! 1. The histogram of the shape's pixels gives the levels of light and dark; the threshold is
+//!    half-way between.
+//! 2. Every light region is a plate that may carry a marker. Its filled contour includes the dark
+//!    pixels inside it.
+//! 3. The threshold is computed again inside the plate, without rim, robot and floor. The largest
+//!    dark region surrounded by light is the marker.
+//! 4. The light and dark levels are computed once more, around the marker; its contour is the
+//!    isoline half-way between them.
 //!
-//! A figure that reaches the border of its plate is not surrounded by light. Where nothing else was found in a shape, all of the
-//! shape is taken for a plate, and what is beside the shape for light.
+//! A figure that reaches the border of its plate is not surrounded by light. If nothing else was
+//! found in a shape, the whole shape is treated as a plate, and its surroundings as light.
 //!
-//! On a plate of a dozen pixels, blur takes the light between the figure and what is dark beside the plate. The figure then has
-//! no contour, but the plate is still a square: where it lies and how it is turned is a start as well ([`Square`]).
+//! On a plate of a dozen pixels, blur removes the light between the figure and a dark area next to
+//! the plate. The figure then has no contour, but the plate is still a square, whose position and
+//! rotation are a start for the fit ([`Square`]).
 //!
 //! # Differences from the paper
 //!
-//! * The paper splits once and takes what is dark for the marker. A coloured or dark rim around the plate, or a robot darker
-//!   than the marker, is then taken for part of it, and nothing is read. A marker here is what is dark *inside*
-//!   something light.
-//! * Opening and closing after the split erase what is narrower than 3 pixels: all of a small marker, and the white border of
-//!   a larger one. They are applied to the dark regions of plates from [`OPENING_MIN_PX`] on, and only to decide which of them
-//!   is the marker; the contour follows the grey values.
+//! * The paper uses one threshold and takes the dark pixels for the marker. A coloured or dark rim
+//!   of the plate, or a robot darker than the marker, then becomes part of it, and nothing is
+//!   recognised. Here a marker is what is dark *inside* something light.
+//! * Opening and closing after thresholding erase structures narrower than 3 pixels: all of a small
+//!   marker, and the white border of a larger one. They are applied to the dark regions of plates
+//!   from [`OPENING_MIN_PX`] on, and only to select the marker; the contour follows the grey
+//!   values.
 
 use fourier::contour::{Region, region};
 use imgproc::contour::{
@@ -32,75 +37,76 @@ use imgproc::morphology::{close_3x3, open_3x3};
 use imgproc::split::{Split, histogram, split};
 use imgproc::{Bounds, Point, Size, crop};
 
-/// Opening and closing from this width and height of a plate on.
+/// Minimum width and height of a plate for opening and closing.
 const OPENING_MIN_PX: usize = 40;
 
-/// What is light of a plate is at least so large.
+/// Minimum light area of a plate.
 const LIGHT_MIN_PX2: usize = 24;
 
-/// A square is at most so many times as long as it is wide.
+/// Maximum aspect ratio of a square.
 const SQUARE_MAX: f32 = 1.35;
 
-/// All that is light in a shape of at most this width and height may be one plate in pieces.
+/// In a shape of at most this width and height, the light pixels may be one plate in several
+/// pieces.
 const BROKEN_MAX_PX: usize = 40;
 
-/// Directions that are tried for the sides of a square, over a quarter turn.
+/// Directions tested for the sides of a square, over a quarter turn.
 const DIRECTIONS: usize = 18;
 
-/// And between two of them, where it is to be exact.
+/// Subdivisions between two of them, for an exact direction.
 const FINE: usize = 20;
 
-/// A marker covers at least this share of its plate's contour.
+/// Minimum share of its plate's contour that a marker covers.
 const MARKER_SHARE_MIN: f32 = 0.04;
 
-/// Light and dark are at least this many grey levels apart.
+/// Minimum difference between light and dark, grey levels.
 const CONTRAST_MIN: f32 = 30.0;
 
-/// Light pixels around a figure that count for its levels.
+/// Width of the light margin of a figure that is used for its levels.
 const MARGIN_PX: u16 = 2;
 
-/// Grey pixels of a shape's bounding box, and which of them belong to the shape.
+/// Grey pixels of a shape's bounding box, with the mask of the shape.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cutout<'a> {
     /// Width and height of both planes.
     pub(crate) size: Size,
     /// Intensity.
     pub(crate) grey: &'a [u8],
-    /// 1 where the pixel belongs to the shape.
+    /// 1 for pixels of the shape.
     pub(crate) mask: &'a [u8],
 }
 
-/// Something light that may be a plate. Coordinates are those of the cut-out.
+/// A light region that may be a plate, in coordinates of the cut-out.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plate<'a> {
     /// The dark figure on it.
     pub(crate) figure: Option<Figure<'a>>,
-    /// What is light, or at least its border.
+    /// The light region, or at least its border.
     border: Border<'a>,
-    /// The pixels that show the plate, and how many they are.
+    /// The pixels that show the plate, and their number.
     pub(crate) paper: Within<'a>,
     pub(crate) paper_px2: usize,
     /// Whether the figure may reach the border of the paper.
     pub(crate) touches: bool,
 }
 
-/// Pixels around which a square can be laid.
+/// Pixels to which a square can be fitted.
 #[derive(Debug, Clone, Copy)]
 enum Border<'a> {
-    /// Those of a contour.
+    /// Points of a contour.
     Contour(&'a [Point]),
-    /// Those of a mask that are not 0.
+    /// Non-zero pixels of a mask.
     Mask(&'a [u8], Size),
 }
 
 impl Plate<'_> {
-    /// Its place, where it is a square.
+    /// Its position, if it is a square.
     pub(crate) fn square(&self) -> Option<Square> {
         let step = std::f32::consts::FRAC_PI_2 / DIRECTIONS as f32;
         self.square_along((0..DIRECTIONS).map(|i| step * i as f32))
     }
 
-    /// The same, its turn and with it its side as exact as its border shows them.
+    /// The same, with rotation and side as exact as the border allows.
     pub(crate) fn exact_square(&self) -> Option<Square> {
         let rough = self.square()?.turn_rad;
         let step = std::f32::consts::FRAC_PI_2 / DIRECTIONS as f32 / FINE as f32;
@@ -124,7 +130,7 @@ pub(crate) struct Figure<'a> {
     pub(crate) region: Region,
 }
 
-/// Where a plate lies, to within a pixel.
+/// Position of a plate, to within a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Square {
     pub(crate) centre: [f32; 2],
@@ -133,7 +139,7 @@ pub(crate) struct Square {
     pub(crate) side_px: f32,
 }
 
-/// Memory for cut-outs up to a given size. What it holds between two calls has no influence.
+/// Memory for cut-outs up to a given size. Its content does not carry over between calls.
 #[derive(Debug)]
 pub(crate) struct CutoutScratch {
     light: Vec<u8>,
@@ -147,7 +153,7 @@ pub(crate) struct CutoutScratch {
     isoline: Vec<[f32; 2]>,
 }
 
-/// The part of the scratch that one plate needs.
+/// The part of the scratch memory used for one plate.
 struct PlateScratch<'a> {
     grey: &'a mut [u8],
     dark: &'a mut [u8],
@@ -157,7 +163,7 @@ struct PlateScratch<'a> {
 }
 
 impl CutoutScratch {
-    /// Memory for cut-outs of at most this size.
+    /// Allocates for cut-outs of at most this size.
     pub(crate) fn new(size: Size) -> Self {
         Self {
             light: vec![0; size.area()],
@@ -173,13 +179,14 @@ impl CutoutScratch {
     }
 }
 
-/// Points of the longest contour that is followed in a picture: eight times around it. Longer ones belong to noise.
+/// Maximum number of contour points: eight times the perimeter of the picture. Longer contours are
+/// noise.
 pub(crate) fn contour_capacity(size: Size) -> usize {
     16 * (size.width + size.height)
 }
 
-/// Calls `found` with everything light, in reading order; in a small shape in the end with all of it together. `found` says
-/// whether it was a plate.
+/// Calls `found` with every light region, in reading order, and in a small shape finally with all
+/// of them together. `found` returns whether it was a plate.
 pub(crate) fn find_plates(
     cutout: Cutout<'_>,
     scratch: &mut CutoutScratch,
@@ -248,7 +255,7 @@ pub(crate) fn find_plates(
     } else {
         None
     };
-    // The shapes have been taken out of it one by one.
+    // The regions have been removed from it one by one.
     let light = &mut scratch.light[..size.area()];
     mark_light(cutout, split.threshold, light);
     found(Plate {
@@ -267,12 +274,12 @@ pub(crate) fn find_plates(
     });
 }
 
-/// How many pixels a mask has.
+/// Number of non-zero pixels in a mask.
 fn count(mask: &[u8]) -> usize {
     mask.iter().map(|&m| usize::from(m != 0)).sum()
 }
 
-/// Marks what is light in the shape.
+/// Marks the light pixels of the shape.
 fn mark_light(cutout: Cutout<'_>, threshold: f32, light: &mut [u8]) {
     for ((light, &grey), &mask) in light.iter_mut().zip(cutout.grey).zip(cutout.mask) {
         *light = mask & u8::from(f32::from(grey) >= threshold);
@@ -288,7 +295,8 @@ fn pixels(mask: &[u8], size: Size) -> impl Iterator<Item = Point> + '_ {
     (0..mask.len()).filter(|&i| mask[i] != 0).map(at)
 }
 
-/// The square around pixels: of the rectangles around them with these turns that of the least area, if it is one.
+/// The square around pixels: of the bounding rectangles with these rotations, the one with the
+/// smallest area, if it is a square.
 fn square_around<Points: Iterator<Item = Point>>(
     points: impl Fn() -> Points,
     turns_rad: impl Iterator<Item = f32>,
@@ -303,7 +311,7 @@ fn square_around<Points: Iterator<Item = Point>>(
                 *span = [span[0].min(at), span[1].max(at)];
             }
         }
-        // From the centres of the outermost pixels to their borders.
+        // From pixel centres to pixel borders.
         let [along, across] = spans.map(|[from, to]| to - from + 1.0);
         let [u, v] = spans.map(|[from, to]| (from + to) / 2.0);
         let area = along * across;
@@ -320,7 +328,8 @@ fn square_around<Points: Iterator<Item = Point>>(
     (length_per_width <= SQUARE_MAX).then_some(square)
 }
 
-/// The largest dark region that is surrounded by the plate's light. `plate` holds the inside of the plate's contour, in `bounds`.
+/// The largest dark region surrounded by light of the plate. `plate` is the filled contour of the
+/// plate, in `bounds`.
 fn figure_on_plate<'a>(
     cutout: Cutout<'_>,
     bounds: Bounds,
@@ -356,14 +365,14 @@ fn figure_on_plate<'a>(
     };
     let contour = follow_isoline(cutout.grey, cutout.size, start, split.threshold, isoline).ok()?;
     let region = region(contour);
-    // Where the line leaves the plate, it encloses more than the dark pixels inside it.
+    // If the isoline leaves the plate, it encloses more than the dark pixels inside the plate.
     let plausible =
         region.area > 0.5 * largest.area as f32 && region.area < 1.5 * largest.area as f32 + 8.0;
     let large_enough = region.area >= MARKER_SHARE_MIN * count(plate) as f32;
     (plausible && large_enough).then_some(Figure { contour, region })
 }
 
-/// The shape of a mask that has the most pixels. The mask is empty afterwards.
+/// The largest shape of a mask, by area. The mask is empty afterwards.
 fn largest_shape(mask: &mut [u8], size: Size, spans: &mut [Span]) -> Option<Removed> {
     let mut largest: Option<Removed> = None;
     let mut from = 0;
@@ -377,7 +386,8 @@ fn largest_shape(mask: &mut [u8], size: Size, spans: &mut [Span]) -> Option<Remo
     largest
 }
 
-/// The split in the neighbourhood of a figure, where a rim that is neither light nor dark does not shift it.
+/// The threshold in the neighbourhood of a figure, where a rim that is neither light nor dark does
+/// not shift it.
 fn split_around(grey: &[u8], plate: &[u8], size: Size, around: Bounds) -> Option<Split> {
     let mut levels = [0; 256];
     for y in around.top..=around.bottom {
@@ -416,7 +426,8 @@ fn has_contrast(split: &Split) -> bool {
 mod tests {
     use super::*;
 
-    /// Draws rectangles, one over the other: (left, top, right, bottom, grey), and returns the areas of the figures found.
+    /// Draws rectangles in sequence, (left, top, right, bottom, grey), and returns the areas of the
+    /// figures found.
     fn figures(rectangles: &[(usize, usize, usize, usize, u8)]) -> Vec<(f32, [f32; 2])> {
         let size = Size {
             width: 60,
@@ -441,7 +452,7 @@ mod tests {
         found
     }
 
-    /// A bar of 10 x 20 pixels; an isoline cuts the corners and passes half-way between the pixels.
+    /// A bar of 10 x 20 pixels. An isoline cuts the corners and passes half-way between the pixels.
     fn assert_is_the_bar(figures: &[(f32, [f32; 2])]) {
         let [(area, centre)] = figures else {
             panic!("{figures:?}")

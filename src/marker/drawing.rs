@@ -1,13 +1,15 @@
-//! A marker's drawing: the SVG file that a user prints, reduced to one outline.
+//! The drawing of a marker: the SVG file that the user prints, reduced to one outline.
 //!
-//! The view box is the plate, a square; up is the heading; on white stands exactly one dark, closed, filled shape. What counts is
-//! what a renderer draws, for that is what is printed: `usvg` resolves what drawing programs write (groups, transforms,
-//! curves, style sheets), `resvg` draws it (`canvas`), and what of a file neither of them reads is refused (`unread`).
+//! The view box is the plate, a square; up is the heading. On white there is exactly one dark,
+//! closed, filled shape. The rendered image decides, because that is what is printed: `usvg`
+//! resolves what drawing programs write (groups, transforms, curves, style sheets), `resvg` renders
+//! it (`canvas`), and files with content that neither supports are rejected (`unread`).
 //!
-//! Where the picture shows just the outline of the one dark fill, as in most files, the marker is that outline, exact to the last
-//! digit. Where something else cuts or joins shapes, clip paths, white shapes above dark ones, the outline is taken from the
-//! picture, to less than a ten thousandth of the plate. Strokes and filters that change the picture are refused, and so is what is
-//! neither dark nor light: a camera would see another shape from every distance.
+//! If the image shows just the outline of the one dark fill, as for most files, the marker is that
+//! outline, with the precision of the file. If other elements cut or join shapes (clip paths, white
+//! shapes above dark ones), the outline is traced from the image, to less than a ten thousandth of
+//! the plate. Strokes and filters that change the image are rejected, and so are half-tones: their
+//! shape would depend on the distance of the camera.
 
 mod canvas;
 mod content;
@@ -20,10 +22,10 @@ use usvg::roxmltree;
 use crate::marker::drawing::canvas::{COMPARED, Canvas, TRACED};
 use crate::marker::drawing::content::{Content, refuse_endless};
 
-/// By how much numbers in files and their sums may be off, in units of the plate's side.
+/// Tolerance for numbers in files and their sums, in units of the plate's side.
 const ROUNDING: f32 = 1e-3;
 
-/// A marker that comes nearer than this to the edge of its plate cannot be counted on to be surrounded by light.
+/// A marker closer than this to the edge of its plate may not be surrounded by light.
 const EDGE: f32 = 0.03;
 
 /// The outline of a marker on its plate.
@@ -31,7 +33,8 @@ const EDGE: f32 = 0.03;
 pub struct Drawing {
     /// Name of the marker.
     pub name: String,
-    /// Corners in units of the plate's side: (0, 0) is the plate's centre, x right, y down, heading up. Clockwise.
+    /// Corners in units of the plate's side, clockwise: (0, 0) is the plate's centre, x right, y
+    /// down, heading up.
     pub outline: Vec<[f32; 2]>,
 }
 
@@ -42,20 +45,20 @@ impl Drawing {
     }
 }
 
-/// Why an SVG file is no marker.
+/// Rejection of an SVG file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("marker {name}: {reason}")]
 pub struct DrawingError {
     /// Name of the marker.
     pub name: String,
-    /// What is wrong, and how it should be.
+    /// What is wrong, and how to correct it.
     pub reason: Reason,
 }
 
-/// What is wrong with a drawing.
+/// The fault of a drawing.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reason {
-    /// Not SVG at all.
+    /// Not an SVG file.
     NotSvg(String),
     /// The view box is not a square.
     NotSquare {
@@ -64,26 +67,27 @@ pub enum Reason {
         /// Height of the view box.
         height: f32,
     },
-    /// There must be one dark shape.
+    /// The number of dark shapes is not one.
     DarkShapes(usize),
-    /// The only shape is dark, but so faint that little of it is seen: its opacity.
+    /// The only dark shape is too faint; its opacity.
     Faint(f32),
     /// The dark shape consists of several outlines.
     Outlines(usize),
     /// All of the plate's border is dark.
     DarkPlate,
-    /// Part of the drawing is neither as dark as the shape nor as light as the plate, and no element is known that makes it so.
+    /// Part of the drawing is neither as dark as the shape nor as light as the plate, and the
+    /// element that causes it is unknown.
     HalfTones,
-    /// The drawing has something that is not read, or that changes the shape.
+    /// The drawing contains an unsupported element, or one that changes the shape.
     NotRead {
-        /// What it is.
+        /// The element.
         what: String,
-        /// The `id` of the element, where it has one.
+        /// The `id` of the element, if it has one.
         id: String,
-        /// What to do about it.
+        /// How to correct it.
         remedy: &'static str,
     },
-    /// The shape reaches out of the view box.
+    /// The shape extends beyond the view box.
     ReachesOut,
 }
 
@@ -136,7 +140,7 @@ impl fmt::Display for Reason {
 ///
 /// # Errors
 ///
-/// [`DrawingError`] when the file is not one dark, closed, filled shape on a square.
+/// [`DrawingError`] if the file is not one dark, closed, filled shape on a square.
 pub fn read_drawing(name: &str, svg: &str) -> Result<Drawing, DrawingError> {
     let outline = outline_with_room(svg).map_err(|reason| DrawingError {
         name: name.to_owned(),
@@ -148,10 +152,11 @@ pub fn read_drawing(name: &str, svg: &str) -> Result<Drawing, DrawingError> {
     })
 }
 
-/// Bytes of stack for what is nested in a file: parser and renderer call themselves for every level, up to a thousand.
+/// Stack size in bytes: parser and renderer recurse for each nesting level, of which there may be a
+/// thousand.
 const STACK_BYTES: usize = 64 << 20;
 
-/// Reads the outline in a thread that has the stack for it.
+/// Reads the outline in a thread with a large stack.
 fn outline_with_room(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
     if unread::is_too_deep(svg) {
         let error = "its elements are nested too deep";
@@ -164,7 +169,8 @@ fn outline_with_room(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
             .map(|t| t.join())
         {
             Ok(Ok(outline)) => outline,
-            // A fault of the renderer is one of the drawing, as far as a user can do something about it.
+            // A panic of the renderer is reported as a fault of the drawing, which the user can
+            // change.
             Ok(Err(_)) => Err(Reason::NotSvg("it cannot be drawn".to_owned())),
             Err(error) => Err(Reason::NotSvg(error.to_string())),
         }
@@ -189,14 +195,14 @@ fn outline(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
     {
         return Ok(outline.clone());
     }
-    // A stroke or a filter makes the difference.
+    // A stroke or a filter causes the difference.
     if let Some(feature) = content.stroke.or(content.filter) {
         return Err(feature.into());
     }
     let Some(canvas) = canvas else {
         return Err(match (content.faint, content.shading) {
             (Some(opacity), _) => Reason::Faint(opacity),
-            // A mask, say, of which nothing is light.
+            // For example a mask without light pixels.
             (None, Some(shading)) if content.has_dark => shading.into(),
             _ => Reason::DarkShapes(0),
         });
@@ -220,7 +226,7 @@ fn outline(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
     fine.outline(&fine.figures()).ok_or(Reason::ReachesOut)
 }
 
-/// What is drawn, with something in the place of what cannot be.
+/// The tree to draw, with placeholders for elements that cannot be drawn.
 fn tree(svg: &str) -> Result<usvg::Tree, Reason> {
     let options = roxmltree::ParsingOptions {
         allow_dtd: true,
@@ -241,7 +247,7 @@ fn tree(svg: &str) -> Result<usvg::Tree, Reason> {
     tree.map_err(|e| not_svg(e.to_string()))
 }
 
-/// The file of an outline, which is given in units of the plate's side from its centre.
+/// The SVG file of an outline given in units of the plate's side from its centre.
 pub(crate) fn svg_of(outline: &[[f32; 2]]) -> String {
     let corner = |[x, y]: &[f32; 2]| format!("{:.2} {:.2}", 50.0 + 100.0 * x, 50.0 + 100.0 * y);
     let corners: Vec<String> = outline.iter().map(corner).collect();
@@ -314,7 +320,7 @@ mod tests {
         );
     }
 
-    /// The outlines of the built-in markers to the last bit, as recordings were made with them.
+    /// The outlines of the built-in markers, bit by bit; recordings depend on them.
     #[test]
     fn built_in_outlines_never_change() {
         let mut sum = 0xcbf2_9ce4_8422_2325_u64;

@@ -1,4 +1,4 @@
-//! The SVG files of a folder, whatever their encoding.
+//! The SVG files of a folder, in any encoding.
 
 use std::io::Read;
 use std::path::Path;
@@ -9,15 +9,16 @@ use flate2::read::MultiGzDecoder;
 use crate::marker::name::{NameError, check_name, check_unlike};
 use crate::marker::{FamilyError, MarkerFile};
 
-/// Bytes of the largest drawing: a marker has some hundred corners, not millions.
+/// Maximum file size in bytes: a marker has some hundred corners, not millions.
 const BYTES_MAX: u64 = 4 << 20;
 
-/// Reads the SVG files of a folder, in the order of their names. Hidden files, of which some systems make one for every other, are passed
-/// over.
+/// Reads the SVG files of a folder, in the order of their names. Hidden files are skipped, because
+/// some systems create one for each other file.
 ///
 /// # Errors
 ///
-/// [`FamilyError`] when the folder or one of the files cannot be read, there is none, or two have names that look alike.
+/// [`FamilyError`] if the folder or a file cannot be read, there is no file, or two names look
+/// alike.
 pub fn read_folder(folder: &Path) -> Result<Vec<MarkerFile>, FamilyError> {
     let unreadable = |path: &Path, error: std::io::Error| FamilyError::Unreadable {
         folder: path.display().to_string(),
@@ -72,7 +73,8 @@ pub fn read_folder(folder: &Path) -> Result<Vec<MarkerFile>, FamilyError> {
     Ok(files)
 }
 
-/// The text of a file: what XML says of encodings, and gzip, as drawing programs write it under either name.
+/// Decodes a file according to the XML rules for encodings. Gzip is detected too, because drawing
+/// programs write it under either extension.
 fn decode(bytes: &[u8]) -> Result<String, String> {
     let too_large = || format!("it has more than {} MiB", BYTES_MAX >> 20);
     if bytes.starts_with(&[0x1f, 0x8b]) {
@@ -96,12 +98,12 @@ fn decode(bytes: &[u8]) -> Result<String, String> {
         (None, [b'<', 0, ..]) => (UTF_16LE, 0),
         (None, _) => match declared.as_deref() {
             None => (UTF_8, 0),
-            // What ISO-8859-1 has is where windows-1252 has it.
+            // windows-1252 is a superset of ISO-8859-1.
             Some(label) if label.eq_ignore_ascii_case("iso-8859-1") => (WINDOWS_1252, 0),
             Some(label) => {
                 let known = Encoding::for_label(label.as_bytes());
                 let known = known.ok_or_else(|| format!("its encoding {label:?} is not known"))?;
-                // The declaration itself is not in UTF-16, whatever it says.
+                // The declaration itself was readable as ASCII, so the text is not UTF-16.
                 (known.output_encoding(), 0)
             }
         },
@@ -113,20 +115,20 @@ fn decode(bytes: &[u8]) -> Result<String, String> {
     if encoding == UTF_8 {
         return Ok(text.into_owned());
     }
-    // The text is UTF-8 from now on, and says so.
+    // The text is now UTF-8, and its declaration must match.
     let Some(range) = declaration(&text) else {
         return Ok(text.into_owned());
     };
     Ok(format!("<?xml version=\"1.0\"?>{}", &text[range..]))
 }
 
-/// Where the XML declaration ends, if there is one.
+/// The range of the XML declaration, if there is one.
 fn declaration(text: &str) -> Option<usize> {
     let end = text.starts_with("<?xml").then(|| text.find("?>"))??;
     Some(end + 2)
 }
 
-/// What the XML declaration says.
+/// The encoding given in the XML declaration.
 fn declared_encoding(bytes: &[u8]) -> Option<String> {
     let head: String = bytes.iter().take(256).map(|&b| char::from(b)).collect();
     let declaration = &head[..declaration(&head)?];
@@ -200,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_decoded_is_said() {
+    fn what_cannot_be_decoded_is_reported() {
         let large = gzip(&vec![b' '; BYTES_MAX as usize + 1]);
         let cut = gzip(ARROW.as_bytes());
         for (bytes, reason) in [

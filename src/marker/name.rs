@@ -1,20 +1,20 @@
-//! What markers may be called: a name is printed, shown and published, and must tell one marker from another.
+//! Marker names: they are printed, shown and published, and must distinguish the markers.
 
 use unicode_security::confusable_detection::skeleton;
 
-/// Bytes of the longest name.
+/// Maximum length in bytes.
 const NAME_MAX: usize = scene::NAME_BYTES;
 
-/// Why a name cannot be used.
+/// Reasons to reject a name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
-    /// There is none.
+    /// The name is empty.
     #[error("marker: the name is empty; rename the file")]
     Empty,
     /// The name does not fit into a scene.
     #[error("marker {}: the name has {} bytes, at most {NAME_MAX} fit; rename the file", printable(.0), .0.len())]
     TooLong(String),
-    /// The name has a character that is not seen.
+    /// The name has an invisible character.
     #[error(
         "marker {}: the name contains {character:?}, which cannot be seen; rename the file", printable(.name)
     )]
@@ -27,7 +27,7 @@ pub enum NameError {
     /// The name begins or ends with a space.
     #[error("marker {:?}: the name begins or ends with a space; rename the file", .0)]
     Space(String),
-    /// Two names are the same, or look the same.
+    /// Two names are equal, or look alike.
     #[error(
         "markers {first:?} and {second:?}: nobody can tell these names apart; rename one of the files"
     )]
@@ -39,11 +39,12 @@ pub enum NameError {
     },
 }
 
-/// Refuses a name that cannot be shown or does not fit into a scene. Spaces between words are allowed.
+/// Rejects a name that cannot be displayed or does not fit into a scene. Spaces between words are
+/// allowed.
 ///
 /// # Errors
 ///
-/// [`NameError`] with what is wrong.
+/// [`NameError`] with the reason.
 pub fn check_name(name: &str) -> Result<(), NameError> {
     if name.is_empty() {
         return Err(NameError::Empty);
@@ -61,7 +62,7 @@ pub fn check_name(name: &str) -> Result<(), NameError> {
     Ok(())
 }
 
-/// Refuses a name that is one of `others`, or differs from it in nothing but case or what is not seen.
+/// Rejects a name that equals one of `others`, or differs only in case or invisible characters.
 ///
 /// # Errors
 ///
@@ -79,19 +80,20 @@ pub fn check_unlike<'a>(
     }
 }
 
-/// Whether two names look the same. In ASCII only case is ignored: a family may well have the markers O and 0.
+/// Whether two names look alike. In ASCII only case is ignored: a family may have the markers O and
+/// 0.
 fn are_alike(a: &str, b: &str) -> bool {
     let [a, b] = [a, b].map(str::to_lowercase);
     a == b || !(a.is_ascii() && b.is_ascii()) && skeleton(&a).eq(skeleton(&b))
 }
 
-/// Whether a character shows. A combining mark does, on the character before it.
+/// Whether a character is visible. A combining mark is, on the preceding character.
 fn is_printable(character: char) -> bool {
     let shown: String = ['x', character].iter().collect();
     matches!(character, '"' | '\'' | '\\') || !shown.escape_debug().any(|c| c == '\\')
 }
 
-/// A name as it can be printed in one line.
+/// A name in a form that prints on one line.
 fn printable(name: &str) -> String {
     name.chars()
         .map(|c| {

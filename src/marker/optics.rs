@@ -1,23 +1,27 @@
-//! What lens and sensor do to every plate alike: blur, learned from the markers that were read, and noise.
+//! Effects of lens and sensor that are the same for every plate: blur, estimated from the
+//! recognised markers, and noise.
 
 use imgproc::fit::{Fit, Prior};
 
-/// Blur before any marker was read, and the standard deviation of its logarithm: an ordinary lens, in focus or a little out.
+/// Initial blur, and the standard deviation of its logarithm: an ordinary lens, in focus or
+/// slightly out of focus.
 const START: (f32, f32) = (0.65, 0.35);
 
-/// How much the blurs of two plates before one camera differ (distance, motion): standard deviation of the logarithm.
+/// Variation of blur between two plates seen by one camera (distance, motion): standard deviation
+/// of the logarithm.
 const BETWEEN_PLATES: f32 = 0.08;
 
-/// By how much the camera's blur may change from frame to frame: standard deviation of the logarithm.
+/// Drift of the camera's blur per frame: standard deviation of the logarithm.
 const DRIFT: f32 = 0.003;
 
-/// Noise of a channel over that of the brightness, to which three channels with their own noise add up.
+/// Noise of a channel relative to that of the brightness, the sum of three channels with
+/// independent noise.
 const CHANNEL_NOISE: f32 = 1.5;
 
-/// Blur of colours over that of brightness, and the standard deviation of its logarithm.
+/// Blur of colours relative to that of brightness, and the standard deviation of its logarithm.
 const COLOUR_BLUR: (f32, f32) = (1.3, 0.4);
 
-/// What is known of a camera.
+/// Estimate for a camera.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BlurEstimate {
     /// Noise of a pixel, grey levels.
@@ -37,13 +41,13 @@ impl BlurEstimate {
         }
     }
 
-    /// Standard deviation of the blur, pixels.
+    /// Estimated blur: standard deviation of the point spread, pixels.
     pub(crate) fn blur_px(&self) -> f32 {
         self.ln_blur.exp()
     }
 
-    /// The same for a projection of the colours in which the noise of a channel is so many times as large. Cameras blur colours
-    /// more than brightness, by how much differs, and nothing is learned from it.
+    /// The estimate for a projection of the colours in which the noise of a channel is `gain` times
+    /// as large. Cameras blur colours more than brightness; the ratio varies and is not learned.
     pub(crate) fn of_colour(&self, gain: f32) -> Self {
         Self {
             noise: CHANNEL_NOISE * gain * self.noise,
@@ -53,7 +57,7 @@ impl BlurEstimate {
         }
     }
 
-    /// What a fit may start from.
+    /// Prior of a fit.
     pub(crate) fn prior(&self, plate_ln_sigma: f32, residual_ratio_max: f32) -> Prior {
         Prior {
             noise: self.noise.max(NOISE_MIN),
@@ -63,18 +67,19 @@ impl BlurEstimate {
         }
     }
 
-    /// What a fit says of the camera's blur: its logarithm, and the variance of that.
+    /// The camera's blur according to a fit: its logarithm, and the variance of that.
     pub(crate) fn blur_of(&self, fit: &Fit) -> Option<(f32, f32)> {
         (!self.of_colour).then(|| (fit.pose.blur_px.ln(), fit.blur_ln_variance))
     }
 
-    /// Learns from the fits of a frame, which all started from [`Self::prior`]: blur and its variance, both of the logarithm.
+    /// Updates the estimate from the fits of a frame, which all started from [`Self::prior`]. Each
+    /// is a blur and its variance, both of the logarithm.
     pub(crate) fn learn(&mut self, fits: impl Iterator<Item = (f32, f32)>) {
         let spread = BETWEEN_PLATES * BETWEEN_PLATES;
         let prior = self.ln_variance + spread;
         let (mut information, mut sum) = (0.0, 0.0);
         for (ln_blur, variance) in fits {
-            // What the fit adds to what it started from.
+            // Information that the fit adds to its prior.
             let own = 1.0 / variance - 1.0 / prior;
             if own <= 0.0 {
                 continue;
@@ -90,5 +95,5 @@ impl BlurEstimate {
     }
 }
 
-/// A camera rounds to whole grey levels, and compresses.
+/// Minimum noise: a camera rounds to whole grey levels, and compresses.
 const NOISE_MIN: f32 = 0.5;

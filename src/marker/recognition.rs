@@ -1,4 +1,5 @@
-//! Which marker a figure is, and where: candidates by the descriptor, pose by the fit, judgement by what the fit leaves.
+//! Recognition of a figure and its pose: candidates by the descriptor, pose by the fit, decision by
+//! the residual of the fit.
 
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
@@ -12,64 +13,68 @@ use crate::marker::optics::BlurEstimate;
 use crate::marker::reference::{ORIENTATION_MIN, Reference};
 use crate::marker::template::Pattern;
 
-/// Candidates that are fitted at most.
+/// Maximum number of candidates that are fitted.
 const CANDIDATES: usize = 4;
 
-/// A candidate's descriptor is no farther from the figure's: mean square of the distance of the contours' points, in units of
-/// the size.
+/// Maximum distance between the descriptors of candidate and figure: mean square distance of the
+/// contour points, in units of the size.
 const DISTANCE_MAX: f32 = 0.05;
 
-/// Nor so many times farther than the nearest one, and this on top.
+/// Maximum distance relative to the nearest candidate: a factor, and an addend.
 const DISTANCE_BEYOND: (f32, f32) = (4.0, 0.004);
 
-/// A plate that shows a marker correlates with its pattern by this at least, however it lies on the pixels.
+/// Minimum correlation of a marker's plate with its pattern, for any position relative to the pixel
+/// grid.
 const ALIKE_MIN: f32 = 0.5;
 
-/// The size of the plate that a contour gives is right to this share.
+/// Relative standard deviation of the plate size derived from a contour.
 const PLATE_LN_SIGMA: f32 = 0.1;
 
-/// A pixel of white may have more noise than one of the floor: sensors count light, what cameras make of it levels that out.
+/// Noise of white pixels relative to floor pixels. Sensors count photons, so it may be higher; the
+/// processing in the camera levels that out.
 const NOISE_OF_WHITE: f32 = 1.1;
 
-/// Standard deviations by which the squares that noise leaves may exceed their mean.
+/// Tolerance for the mean square residual due to noise, in standard deviations.
 const NOISE_DEVIATIONS: f32 = 4.0;
 
-/// The second best explanation must leave more than the best: difference of the sums of squares, in units of the noise. Were
-/// both equally likely, the chance to be wrong would be exp(-8).
+/// Minimum residual of the second best explanation above the best: difference of the sums of
+/// squares, in units of the noise. With equal priors, the probability of an error would be exp(-8).
 const RIVAL_MIN: f32 = 16.0;
 
-/// Plate and marker are at least this many grey levels apart, and so many times the noise: of a figure that is fainter, noise could
-/// hide a hundredth of the plate, and a robot in bad colours was taken for a keyhole at 6.
+/// Minimum contrast between plate and marker: in grey levels, and in units of the noise. With less,
+/// noise could hide a hundredth of the plate; at 6, a robot in unfavourable colours was taken for a
+/// keyhole.
 const CONTRAST_MIN: (f32, f32) = (25.0, 7.0);
 
-/// No ink is darker than black; noise and a floor of grey levels allow for a little.
+/// No ink is darker than black; noise and the rounding of grey levels require some tolerance.
 const BLACKER_THAN_BLACK: f32 = 1.1;
 
-/// Blur over the plate's side with which nothing is left that a marker could be known by: at a tenth, drops and triangles are
-/// seen in half discs and squares.
+/// Maximum blur relative to the plate's side. Above it markers cannot be distinguished: at a tenth,
+/// half discs and squares are taken for drops and triangles.
 const BLUR_SHARE_MAX: f32 = 0.085;
 
-/// From this share on, blur hides so much of what makes figures differ that less may be left unexplained, in inverse proportion.
-/// With 0.06 of the contrast, not one of 5,000 figures was taken for a marker that it is not where blur was a fortieth of the
-/// plate, and 40 of 1,275 where it was a fourteenth.
+/// From this relative blur on, the maximum residual decreases in inverse proportion, because blur
+/// hides the differences between figures. With 0.06 of the contrast, none of 5,000 figures was
+/// taken for a wrong marker at a blur of a fortieth of the plate, but 40 of 1,275 at a fourteenth.
 const BLUR_SHARE_FREE: f32 = 0.05;
 
-/// Paper of less than this share of a drawing's plate is a smaller one, and what is beside it does not count.
+/// If the paper covers less than this share of a drawing's plate, the real plate is smaller, and
+/// the pixels outside of it do not count.
 const PAPER_SHARE: f32 = 0.8;
 
-/// Of less than this share of it, blurred borders taken off, too little is seen to know a marker by. Figures that are none were
-/// taken for a drop with a quarter.
+/// Minimum visible share of the plate, without its blurred borders, for a recognition. With a
+/// quarter, other figures were taken for a drop.
 const SEEN_SHARE_MIN: f32 = 0.35;
 
-/// A marker on a part of its plate must explain so much of it, and what it leaves is limited to this share of what a whole one may
-/// leave: those that were there explained 0.989 and more; half a figure in a shadow explained 0.987.
+/// Minimum R² for a marker on part of its plate, and its maximum residual as a share of that for a
+/// whole plate. Real markers had an R² of at least 0.989; half a figure in a shadow had 0.987.
 const PART_R_SQUARED_MIN: f32 = 0.985;
 const PART_RESIDUAL_RATIO: f32 = 0.8;
 
-/// How sure a figure must be to count as a marker.
+/// Thresholds for the recognition of markers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecognitionSettings {
-    /// What a marker may leave unexplained besides noise: root mean square over its plate, share of the contrast.
+    /// Maximum residual besides noise: RMS over the plate, as a share of the contrast.
     pub residual_ratio_max: f32,
     /// Smallest plate, side in pixels.
     pub plate_min_px: f32,
@@ -88,15 +93,15 @@ pub struct Recognised {
     pub heading_rad: f32,
     /// Side of the plate, pixels.
     pub plate_px: f32,
-    /// Share of the plate's variation that the marker explains, 0 to 1.
+    /// Share of the plate's variance explained by the marker, 0 to 1.
     pub confidence: f32,
     /// Covariance of x, y (pixels) and heading (radians).
     pub covariance: [[f32; 3]; 3],
-    /// Logarithm of the camera's blur and its variance, where the marker shows it.
+    /// Logarithm of the camera's blur and its variance, if the marker shows it.
     pub(crate) blur: Option<(f32, f32)>,
 }
 
-/// A marker that a figure may be.
+/// A marker that matches a figure.
 #[derive(Debug, Clone, Copy)]
 struct Candidate<'a> {
     marker: usize,
@@ -105,11 +110,11 @@ struct Candidate<'a> {
     turn_rad: f32,
 }
 
-/// A marker and where it may be.
+/// A marker and its initial pose.
 type Start = (usize, Pose);
 
 impl Family {
-    /// Which marker is on a plate, and its pose; `None` when it is none, or could be two.
+    /// The marker on a plate, with its pose; `None` if there is none or it is ambiguous.
     pub(crate) fn recognise(
         &self,
         plate: &Plate<'_>,
@@ -127,7 +132,8 @@ impl Family {
         })
     }
 
-    /// The best of the fits, if it explains the pixels and no other does. Where a plate may be smaller than drawn, it is given.
+    /// The best fit, if it explains the pixels and no other fit does. `plate` is given if it may be
+    /// smaller than drawn.
     fn best_fit(
         &self,
         starts: [Option<Start>; CANDIDATES],
@@ -180,7 +186,7 @@ impl Family {
             })
     }
 
-    /// Where the markers are whose contours come nearest to that of a figure.
+    /// Initial poses of the markers whose contours are nearest to that of a figure.
     fn starts_by_contour(
         &self,
         figure: &Figure<'_>,
@@ -197,7 +203,8 @@ impl Family {
         }))
     }
 
-    /// Where the markers are that look most like a plate at a few points of it, at each of its four turns.
+    /// Initial poses of the markers that correlate best with a plate sampled at a few points, at
+    /// each of its four rotations.
     fn starts_by_pattern(
         &self,
         square: Square,
@@ -236,7 +243,8 @@ impl Family {
         Some(likely.map(|likely| likely.map(|(_, start)| start)))
     }
 
-    /// The markers that come nearest to a descriptor, each upright and upside down, in ascending order of distance.
+    /// The markers nearest to a descriptor, each upright and upside down, in ascending order of
+    /// distance.
     fn candidates(&self, descriptor: &Descriptor) -> [Option<Candidate<'_>>; CANDIDATES] {
         let mut nearest = [None::<Candidate<'_>>; CANDIDATES];
         let magnitudes = descriptor.magnitudes();
@@ -275,13 +283,13 @@ impl Family {
     }
 }
 
-/// The paper of a plate, where it is less than what a start takes for its plate.
+/// The paper of a plate, if it is smaller than the plate of the initial pose.
 fn smaller_paper<'a>(plate: &Plate<'a>, start: &Pose) -> Option<Within<'a>> {
     let share = plate.paper_px2 as f32 / (start.plate_px * start.plate_px);
     (plate.touches || share < PAPER_SHARE).then_some(plate.paper)
 }
 
-/// Whether a part of a plate shows enough to go by.
+/// Whether enough of a partial plate is visible, and fits well enough.
 fn shows_enough(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     let seen_px2 = fit.n * (fit.block_px * fit.block_px) as f32;
     let stricter = RecognitionSettings {
@@ -293,7 +301,7 @@ fn shows_enough(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
         && explains(fit, noise, &stricter)
 }
 
-/// Grey value between pixels; `None` outside of the cut-out.
+/// Interpolated grey value; `None` outside of the cut-out.
 fn interpolated(cutout: Cutout<'_>, x: f32, y: f32) -> Option<f32> {
     let (width, height) = (cutout.size.width, cutout.size.height);
     if !(x >= 0.0 && y >= 0.0 && x < (width - 1) as f32 && y < (height - 1) as f32) {
@@ -306,7 +314,7 @@ fn interpolated(cutout: Cutout<'_>, x: f32, y: f32) -> Option<f32> {
     Some(across(0) + y * (across(width) - across(0)))
 }
 
-/// The pose that the contour gives.
+/// The initial pose from the contour.
 fn start(
     figure: &Figure<'_>,
     descriptor: &Descriptor,
@@ -325,7 +333,7 @@ fn start(
     }
 }
 
-/// Whether what a fit leaves is noise, and its contrast is not.
+/// Whether the residual of a fit is noise, and its contrast is not.
 fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     let block = fit.block_px as f32;
     let noise = NOISE_OF_WHITE * noise / block;
@@ -340,13 +348,13 @@ fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
         && blur_share <= BLUR_SHARE_MAX
 }
 
-/// Whether every other explanation leaves clearly more.
+/// Whether the residual of every other explanation is clearly larger.
 fn clear(fit: &Fit, rival: f32, noise: f32) -> bool {
     let unit = fit.residual.max(noise);
     fit.n * (rival * rival - fit.residual * fit.residual) >= RIVAL_MIN * unit * unit
 }
 
-/// The reference whose size is nearest, as a ratio.
+/// The reference with the nearest size, by ratio.
 fn nearest_size(references: &[Reference], size_px: f32) -> Option<&Reference> {
     let ratio = |r: &&Reference| (r.descriptor.size_px / size_px).ln().abs();
     references

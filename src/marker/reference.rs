@@ -1,9 +1,10 @@
-//! What a marker looks like to the camera: measured on rendered plates.
+//! The appearance of a marker to the camera, measured on rendered plates.
 //!
-//! A reference is what the recogniser itself measures on a picture of the drawing. Each marker is rendered on its plate at
-//! several sizes, blurs and turns, rounded to 8 bits, and goes through the code that live frames go through; a reference is the
-//! mean over the turns. What pixels and lens do to small markers, rounding off corners above all, is thus part of the
-//! reference and not an error. The drawing itself is compared with only where nothing has been lost.
+//! Each marker is rendered on its plate at several sizes, blurs and rotations, rounded to 8 bits,
+//! and processed by the same code as live frames; a reference is the mean over the rotations. The
+//! effects of pixels and lens on small markers, above all rounded corners, are thus part of the
+//! reference and not an error. The drawing itself is used for comparison only where nothing has
+//! been lost.
 
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, NoDescriptor, describe};
@@ -15,41 +16,44 @@ use crate::geometry::raster::{Vertex, blur, fill_polygon};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::Drawing;
 
-/// Sides of the rendered plates, in pixels. A figure is compared with the references of the nearest size.
+/// Sides of the rendered plates, in pixels. A figure is compared with the references of the nearest
+/// size.
 pub(crate) const PLATES_PX: [f32; 6] = [12.0, 16.0, 24.0, 32.0, 48.0, 80.0];
 
-/// Blurs of the rendered plates, standard deviation in pixels: a sharp lens, a good one, two that are out of focus.
+/// Blurs of the rendered plates, standard deviation in pixels: a sharp lens, a good one, two that
+/// are out of focus.
 pub(crate) const BLURS_PX: [f32; 4] = [0.3, 0.6, 1.0, 1.5];
 
-/// Turns at which a plate is rendered. Not a divisor of a quarter turn, so that no two see the pixel grid alike.
+/// Number of rotations of a rendered plate. Not a divisor of a quarter turn, so each has a
+/// different alignment with the pixel grid.
 const TURNS: usize = 5;
 
-/// Elongation below which a contour has no orientation at all; markers must show theirs much better.
+/// Elongation below which a contour has no orientation; markers need much more.
 pub(crate) const ORIENTATION_MIN: f32 = 0.02;
 
-/// What a marker looks like on plates of one size and blur, upright.
+/// Appearance of an upright marker on plates of one size and blur.
 #[derive(Debug, Clone)]
 pub(crate) struct Reference {
     pub(crate) descriptor: Descriptor,
-    /// Of the descriptor.
+    /// Magnitudes of the descriptor.
     pub(crate) magnitudes: [f32; N],
-    /// Side of the plate over the descriptor's size.
+    /// Ratio of the plate's side to the descriptor's size.
     pub(crate) plate_per_size: f32,
-    /// From the figure's centre of area to the plate's centre, in units of the descriptor's size.
+    /// From the figure's centroid to the plate's centre, in units of the descriptor's size.
     pub(crate) centre_from_figure: [f32; 2],
 }
 
-/// Why a rendered plate gives no reference.
+/// Reasons why a rendered plate gives no reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum NoReference {
-    /// The recogniser finds no dark figure on it.
+    /// No dark figure was found.
     Unseen,
-    /// The figure shows no orientation; its elongation.
+    /// The figure has no orientation; its elongation.
     Orientation(f32),
 }
 
 impl Reference {
-    /// Mean over all turns of what is measured on a rendered plate.
+    /// Mean of the measurements on a rendered plate over all rotations.
     pub(crate) fn learn(
         drawing: &Drawing,
         plate_px: f32,
@@ -71,7 +75,8 @@ impl Reference {
             {
                 *mean += c * if k % 2 == 0 { sign } else { 1.0 };
             }
-            // Relative to the first one, and up to half turns, so that the mean is one of neighbouring angles.
+            // Relative to the first one and modulo half a turn, so that the averaged angles are
+            // close to each other.
             let relative =
                 seen.descriptor.orientation_rad - turn - upright.descriptor.orientation_rad;
             orientation += nearest_half_turn(relative);
@@ -98,18 +103,18 @@ impl Reference {
     }
 }
 
-/// An angle brought to within a quarter turn of zero by adding half turns.
+/// Reduces an angle to within a quarter turn of zero by adding half turns.
 fn nearest_half_turn(angle_rad: f32) -> f32 {
     wrapped(2.0 * angle_rad) / 2.0
 }
 
-/// What is measured on one rendered plate.
+/// Measurements on one rendered plate.
 struct Measured {
     descriptor: Descriptor,
     centre_from_figure: [f32; 2],
 }
 
-/// Renders a plate and measures it as a live frame is measured.
+/// Renders a plate and measures it like a live frame.
 fn measure(
     drawing: &Drawing,
     plate_px: f32,
@@ -121,7 +126,7 @@ fn measure(
         width: side,
         height: side,
     };
-    // Off the middle of a pixel by a different amount for each turn.
+    // A different sub-pixel offset for each rotation.
     let centre = [
         side as f32 / 2.0 + 0.3 * turn_rad.cos(),
         side as f32 / 2.0 + 0.3 * turn_rad.sin(),
@@ -135,7 +140,7 @@ fn measure(
     let mut mask = vec![1; size.area()];
     if drawing.touches() {
         mask = plate_mask(size, place);
-        // As is done in live frames, where nothing surrounds the figure.
+        // Same as in live frames where nothing surrounds the figure.
         for (grey, mask) in grey.iter_mut().zip(&mut mask) {
             if *mask == 0 {
                 (*grey, *mask) = (PAPER as u8, 1);
@@ -170,7 +175,7 @@ fn measure(
     measured
 }
 
-/// Where a plate is in a picture.
+/// Position of a plate in a picture.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placement {
     pub(crate) centre: [f32; 2],
@@ -183,7 +188,7 @@ const FLOOR: f32 = 110.0;
 const PAPER: f32 = 225.0;
 const INK: f32 = 35.0;
 
-/// The pixels of a plate, at least half of each.
+/// Pixels at least half covered by a plate.
 pub(crate) fn plate_mask(size: Size, place: Placement) -> Vec<u8> {
     let mut share = vec![0.0; size.area()];
     let polygon = placed(&PLATE, place.centre, place.turn_rad, place.plate_px);
@@ -206,10 +211,10 @@ pub(crate) fn render(drawing: &Drawing, size: Size, place: Placement, blur_px: f
     plane.iter().map(|v| v.round() as u8).collect()
 }
 
-/// The plate's outline, in units of its side.
+/// Outline of the plate, in units of its side.
 pub(crate) const PLATE: [Vertex; 4] = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
 
-/// A drawing's outline turned, scaled and moved into a picture.
+/// The outline of a drawing, rotated, scaled and translated.
 pub(crate) fn placed(
     outline: &[Vertex],
     centre: [f32; 2],

@@ -1,4 +1,4 @@
-//! A marker's picture at every blur: what the fit compares the pixels with.
+//! Images of a marker at all blurs, which the fit compares with the pixels.
 
 use imgproc::Size;
 use imgproc::fit::Layers;
@@ -7,7 +7,7 @@ use crate::geometry::raster::{blur, fill_polygon};
 use crate::marker::drawing::Drawing;
 use crate::marker::reference::placed;
 
-/// Samples over the side of a plate.
+/// Samples along the side of a plate.
 const PER_PLATE: usize = 100;
 
 /// Samples beyond the plate on each side.
@@ -16,29 +16,29 @@ const BEYOND: usize = 4;
 /// Samples in a row.
 const SIDE: usize = PER_PLATE + 2 * BEYOND + 1;
 
-/// Blur of the first layer in units of the plate: a lens of 0.3 px and a plate of 50.
+/// Blur of the first layer in units of the plate: a lens of 0.3 px and a plate of 50 px.
 const FIRST_BLUR: f32 = 0.0085;
 
-/// From layer to layer.
+/// Ratio of the blurs of consecutive layers.
 const BLUR_RATIO: f32 = std::f32::consts::SQRT_2;
 
-/// The last one has a blur of 0.38 plates.
+/// Number of layers; the last one has a blur of 0.38 plates.
 const LAYERS: usize = 12;
 
-/// Points of a [`Pattern`] along a side, and their distance in units of the plate's side.
+/// Points of a [`Pattern`] along a side, and their spacing in units of the plate's side.
 const POINTS: usize = 8;
 const POINTS_APART: f32 = 0.1;
 
-/// The layer from which a pattern is taken: that of a plate of about 12 px.
+/// The layer from which a pattern is sampled: that of a plate of about 12 px.
 const PATTERN_LAYER: usize = 5;
 
-/// How light a plate is at a few points, row after row; the mean is 0, the sum of squares 1.
+/// Lightness of a plate at a few points, row by row; mean 0, sum of squares 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pattern([f32; POINTS * POINTS]);
 
 impl Pattern {
-    /// The pattern of what `light` gives for points of a plate, in units of its side from its centre; `None` where all are
-    /// alike.
+    /// The pattern of `light` at points of a plate, in units of its side from its centre; `None` if
+    /// all values are equal.
     pub(crate) fn of(light: impl Fn([f32; 2]) -> Option<f32>) -> Option<Self> {
         let mut values = [0.0; POINTS * POINTS];
         for (i, value) in values.iter_mut().enumerate() {
@@ -54,7 +54,7 @@ impl Pattern {
         (norm > 1e-3).then(|| Self(values.map(|v| (v - mean) / norm)))
     }
 
-    /// This pattern after a quarter turn back.
+    /// This pattern rotated back by a quarter turn.
     pub(crate) fn turned(&self) -> Self {
         let last = POINTS - 1;
         Self(std::array::from_fn(|i| {
@@ -91,7 +91,8 @@ impl Template {
         for layer in 0..LAYERS {
             let mut plane = sharp.clone();
             let sigma = FIRST_BLUR * BLUR_RATIO.powi(layer as i32) * PER_PLATE as f32;
-            // Coverage is a mean over a sample's square already, and the fit interpolates: 1/12 and 1/6 of the variance.
+            // Coverage is already a mean over a sample's area, and the fit interpolates: this
+            // accounts for variances of 1/12 and 1/6.
             let variance = sigma * sigma - 0.25;
             blur(&mut plane, size, variance.sqrt(), &mut scratch);
             samples.extend_from_slice(&plane);
@@ -101,7 +102,7 @@ impl Template {
             let i = (PATTERN_LAYER * SIDE + sample(v)) * SIDE + sample(u);
             Some(-samples[i])
         });
-        // A marker covers a part of its plate.
+        // `None` cannot occur: a marker covers part of its plate.
         let pattern = pattern.unwrap_or(Pattern([0.0; POINTS * POINTS]));
         Self { samples, pattern }
     }

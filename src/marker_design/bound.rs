@@ -1,8 +1,11 @@
-//! How exact a marker's pose can be at best: the bound of Cramér and Rao, from the border of its drawing alone.
+//! The best possible accuracy of a marker's pose: the Cramér-Rao bound, from the border of its
+//! drawing alone.
 //!
-//! Noise hides by how much a border has moved. Where a border of contrast C, blurred to a standard deviation of s pixels, moves by a
-//! small way along its normal, the squares of the pixels' changes add up to C²/(2 √π s) a pixel of its length and a squared pixel
-//! of the way. What a pose moves along the normal, summed over the border, is the information that a picture holds about it.
+//! Noise limits how well the displacement of a border can be measured. If a border of contrast C,
+//! blurred to a standard deviation of s pixels, moves by a small distance along its normal, the sum
+//! of the squared pixel changes is C²/(2 √π s) per pixel of its length and per squared pixel of the
+//! distance. The Fisher information about the pose is obtained by integrating the displacement
+//! along the normal over the border.
 
 use std::f32::consts::PI;
 
@@ -10,29 +13,30 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::marker::drawing::Drawing;
 
-/// How a plate is seen.
+/// Viewing conditions of a plate.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct View {
     /// Side of the plate, pixels.
     pub(crate) plate_px: f32,
-    /// Standard deviation of the lens's blur, pixels.
+    /// Standard deviation of the lens blur, pixels.
     pub(crate) blur_px: f32,
-    /// Standard deviation of a pixel's noise over the contrast of marker and plate.
+    /// Standard deviation of a pixel's noise, relative to the contrast of marker and plate.
     pub(crate) noise: f32,
 }
 
-/// Least covariance that an unbiased estimate of the pose can have: x and y of the plate's centre in pixels, heading in radians, in
-/// the frame of the drawing (x to the right, y down). `None` where the picture does not tell a pose, as of a disc.
+/// Minimum covariance of an unbiased estimate of the pose: x and y of the plate's centre in pixels,
+/// heading in radians, in the frame of the drawing (x to the right, y down). `None` if the pose
+/// cannot be determined, as for a disc.
 ///
-/// Borders that come closer to each other than the blur tell less than is counted here: on plates of 24 pixels errors can be a
-/// fifth larger, on those of 12 a half.
+/// Borders closer together than the blur give less information than assumed here: on plates of 24
+/// pixels errors can be a fifth larger, on plates of 12 pixels a half.
 pub(crate) fn least_covariance(drawing: &Drawing, view: View) -> Option<Matrix3<f32>> {
     let View {
         plate_px,
         blur_px,
         noise,
     } = view;
-    // A pixel's square widens the border by its own variance.
+    // The pixel area widens the border by its own variance.
     let width = (blur_px * blur_px + 1.0 / 12.0).sqrt();
     let density = 1.0 / (2.0 * PI.sqrt() * width * noise * noise);
     let outline = &drawing.outline;
@@ -45,7 +49,8 @@ pub(crate) fn least_covariance(drawing: &Drawing, view: View) -> Option<Matrix3<
         }
         let along = [(to[0] - from[0]) / length, (to[1] - from[1]) / length];
         let lever = |at: [f32; 2]| at[0] * along[0] + at[1] * along[1];
-        // Along an edge the lever grows evenly: three points integrate its square exactly (Simpson).
+        // The lever arm varies linearly along an edge, so three points integrate its square exactly
+        // (Simpson's rule).
         for (share, weight) in [(0.0, 1.0), (0.5, 4.0), (1.0, 1.0)] {
             let moved = Vector3::new(along[1], -along[0], -(lever(from) + share * length));
             information += moved * moved.transpose() * (density * weight / 6.0 * length);
@@ -54,7 +59,7 @@ pub(crate) fn least_covariance(drawing: &Drawing, view: View) -> Option<Matrix3<
     information.try_inverse()
 }
 
-/// Least standard deviation of the heading, radians; infinite where there is none.
+/// Minimum standard deviation of the heading, radians; infinite if undetermined.
 pub(crate) fn least_heading_sigma(drawing: &Drawing, view: View) -> f32 {
     least_covariance(drawing, view).map_or(f32::INFINITY, |covariance| covariance[(2, 2)].sqrt())
 }
@@ -90,7 +95,8 @@ mod tests {
         let covariance = least_covariance(&rectangle, SHARP).expect("a pose");
         let density = 1.0 / (2.0 * PI.sqrt() * (0.36f32 + 1.0 / 12.0).sqrt() * 0.0004);
         let (w, h) = (w * 100.0, h * 100.0);
-        // Two sides tell each coordinate, all four the heading: the integral of the squared lever over each.
+        // Two sides determine each coordinate, all four the heading: the integral of the squared
+        // lever arm over each.
         let expected =
             [2.0 * h, 2.0 * w, (w.powi(3) + h.powi(3)) / 6.0].map(|i| 1.0 / (density * i));
         for i in 0..3 {

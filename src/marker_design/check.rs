@@ -1,4 +1,4 @@
-//! How good markers are: what `overcam markers check` says of a family.
+//! Quality of markers: the results of `overcam markers check`.
 
 use std::fmt::Write as _;
 
@@ -13,48 +13,52 @@ use crate::marker::{Family, FamilyError, MarkerFile, SEPARATION_MIN, matching};
 use crate::marker_design::bound::{View, least_heading_sigma};
 use crate::settings::Settings;
 
-/// Plates on which markers are shown, pixels.
+/// Sizes of the test plates, pixels.
 const PLATES_PX: [f32; 9] = [8.0, 10.0, 12.0, 14.0, 16.0, 20.0, 24.0, 28.0, 32.0];
 
-/// Bad light: blur and noise with which they are shown.
+/// Poor conditions: blur and noise of the test images.
 const BLUR_PX: f32 = 1.0;
 const NOISE: f32 = 6.0;
 
-/// Good light: an ordinary plate in focus, black on white, before an ordinary sensor.
+/// Good conditions: an ordinary plate in focus, black on white, with an ordinary sensor.
 pub(crate) const GOOD_VIEW: View = View {
     plate_px: 24.0,
     blur_px: 0.6,
     noise: 3.0 / 185.0,
 };
 
-/// Turns at which every plate is shown. All must be read.
+/// Number of rotations of each test plate. All must be recognised.
 const TURNS: usize = 24;
 
-/// What is said of one marker.
+/// Result for one marker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Check {
     /// Name of the marker.
     pub name: String,
-    /// How good it is, or why it cannot be used.
+    /// Its quality, or why it cannot be used.
     pub quality: Result<Quality, FamilyError>,
 }
 
-/// How good a marker is.
+/// Quality of a marker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Absolute value of F(N-1) over that of F1: how well it shows its direction.
+    /// Absolute value of F(N-1) over that of F1: how clearly it shows its direction.
     pub elongation: f32,
-    /// Standard deviation that its heading cannot fall below on a plate of 24 pixels in good light, radians.
+    /// Minimum standard deviation of its heading on a plate of 24 pixels in good conditions,
+    /// radians.
     pub heading_sigma_rad: f32,
-    /// Distance from itself turned by half a turn: mean square of the distance of the contours' points, in units of the size.
+    /// Distance from itself rotated by half a turn: mean square distance of the contour points, in
+    /// units of the size.
     pub half_turn: f32,
-    /// The marker that is nearest to it, and how near.
+    /// The nearest other marker, and its distance.
     pub nearest: Option<(String, f32)>,
-    /// Smallest plate from which on it is always read in bad light, pixels; `None` where it is not.
+    /// Smallest plate from which on it is always recognised in poor conditions, pixels; `None` if
+    /// there is none.
     pub smallest_plate_px: Option<f32>,
 }
 
-/// Looks at each marker alone, at each pair, and shows every usable one on small, blurred and noisy plates.
+/// Checks each marker and each pair, and tests every usable marker on small, blurred and noisy
+/// plates.
 #[must_use]
 pub fn check(files: &[MarkerFile]) -> Vec<Check> {
     let learned: Vec<Result<(Drawing, Family), FamilyError>> = files
@@ -122,7 +126,7 @@ fn quality(family: &Family, marker: usize, drawing: &Drawing) -> Result<Quality,
     })
 }
 
-/// Whether a marker of a family is always read on plates of a size in bad light.
+/// Whether a marker of a family is always recognised on plates of a size in poor conditions.
 pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plate_px: f32) -> bool {
     let side = (1.5 * plate_px) as usize + 8;
     let size = Size {
@@ -146,13 +150,14 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
         };
         let mut grey = render(drawing, size, place, BLUR_PX);
         for pixel in &mut grey {
-            // Twelve uniform numbers: nearly normal, standard deviation 1.
+            // The sum of twelve uniform numbers is nearly normal, with standard deviation 1.
             let noise: f32 = (0..12).map(|_| uniform() - 0.5).sum();
             *pixel = (f32::from(*pixel) + NOISE * noise)
                 .round()
                 .clamp(0.0, 255.0) as u8;
         }
-        // Nothing but the shape's border tells where a marker ends that reaches the edge of its plate.
+        // If a marker reaches the edge of its plate, only the border of the shape shows where it
+        // ends.
         let mask = if drawing.touches() {
             plate_mask(size, place)
         } else {
@@ -178,7 +183,7 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
     })
 }
 
-/// The checks as a person reads them. `cm_per_px` is the width of a pixel on the floor.
+/// The checks as text. `cm_per_px` is the width of a pixel on the floor.
 #[must_use]
 pub fn table(checks: &[Check], cm_per_px: Option<f64>) -> String {
     let width = checks
@@ -196,7 +201,7 @@ pub fn table(checks: &[Check], cm_per_px: Option<f64>) -> String {
         let quality = match &check.quality {
             Ok(quality) => quality,
             Err(error) => {
-                // A `String` takes everything that is written to it.
+                // Writing to a `String` cannot fail.
                 let _ = writeln!(out, "{:width$}  unusable: {error}", check.name);
                 continue;
             }

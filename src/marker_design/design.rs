@@ -1,9 +1,11 @@
-//! New markers: shapes that differ from each other, and from themselves upside down, as much as can be found.
+//! New markers: shapes with the largest distances found from each other, and from themselves upside
+//! down.
 //!
-//! A shape is drawn by its distance from the centre of the plate in so many directions, the same on the left and on the right,
-//! joined by a smooth curve. Of many random ones those are kept that show a direction, and exactly; then, one after the other, the one
-//! is taken whose nearest neighbour among those taken is farthest away. How far two are apart is measured as recognition does it,
-//! on a small plate in a blurred picture: what only a large plate shows does not count.
+//! A shape is given by its radius in a number of directions, the same on the left and on the right,
+//! joined by a smooth curve. Of many random shapes, those with a clear and exact direction are
+//! kept. They are selected one by one, each time the shape with the greatest distance to its
+//! nearest selected neighbour. The distance is measured as in recognition, on a small plate in a
+//! blurred image: details visible only on a large plate do not count.
 
 use std::f32::consts::TAU;
 
@@ -17,39 +19,41 @@ use crate::marker::{self, Family, FamilyError, Marker, MarkerFile, SEPARATION_MI
 use crate::marker_design::bound::least_heading_sigma;
 use crate::marker_design::check::{GOOD_VIEW, is_read_on};
 
-/// Plate and blur, pixels, for which shapes are to differ.
+/// Plate and blur for which shapes must differ, pixels.
 const PLATE_PX: f32 = 12.0;
 const BLUR_PX: f32 = 0.8;
 
-/// Plate on which a shape must be read in bad light, in which a smaller one is blurred too much to be sure of anything.
+/// Plate on which a shape must be recognised in poor conditions. On a smaller one it is too blurred
+/// for a reliable recognition.
 const READ_PX: f32 = 14.0;
 
-/// Least distance on a small plate: half of what is asked for on a large one, for blur takes some of every difference.
+/// Minimum distance on a small plate: half of the one required on a large plate, because blur
+/// reduces every difference.
 const SMALL_SEPARATION_MIN: f32 = SEPARATION_MIN / 2.0;
 
-/// Directions from up to down in which a shape has its own distance from the centre.
+/// Number of directions from up to down with a radius of their own.
 const DIRECTIONS: usize = 8;
 
-/// Least and greatest distance from the centre, in units of the plate's side: what is thinner is lost on a small plate, and the
-/// plate's border must stay light.
+/// Minimum and maximum radius, in units of the plate's side: thinner shapes are lost on a small
+/// plate, and the plate's border must stay light.
 const RADIUS: (f32, f32) = (0.13, 0.4);
 
-/// From one direction to the next the distance changes by no more than this.
+/// Maximum change of the radius from one direction to the next.
 const STEP_MAX: f32 = 0.22;
 
-/// Corners of an outline that are drawn.
+/// Number of corners of an outline.
 const CORNERS: usize = 96;
 
-/// Random shapes for each one that is wanted.
+/// Number of random shapes per requested marker.
 const TRIED_FOR_EACH: usize = 600;
 
-/// A shape shows its direction this well at least.
+/// Minimum elongation of a shape.
 const ELONGATION_MIN: f32 = 0.13;
 
-/// Its heading can be read this exactly at least: standard deviation in radians, see [`GOOD_VIEW`].
+/// Maximum standard deviation of its heading in radians, see [`GOOD_VIEW`].
 const HEADING_SIGMA_MAX: f32 = 0.001;
 
-/// A shape and what it looks like.
+/// A shape and its appearance.
 struct Shape {
     drawing: Drawing,
     sharp: Descriptor,
@@ -57,7 +61,7 @@ struct Shape {
 }
 
 impl Shape {
-    /// `None` where nothing is seen of it on a small plate.
+    /// `None` if it is not visible on a small plate.
     fn new(drawing: Drawing) -> Option<Self> {
         let sharp = describe(&resample(&drawing.outline), marker::ELONGATION_MIN).ok()?;
         let small = Reference::learn(&drawing, PLATE_PX, BLUR_PX)
@@ -70,23 +74,23 @@ impl Shape {
         })
     }
 
-    /// The same where it shows its direction well, on large plates and on small ones.
+    /// The same, if its direction is clear on large and on small plates.
     fn new_with_direction(drawing: Drawing) -> Option<Self> {
-        // Most random shapes end here, before anything is rendered.
+        // Most random shapes are rejected here, before anything is rendered.
         let is_exact = least_heading_sigma(&drawing, GOOD_VIEW) <= HEADING_SIGMA_MAX;
         let shape = is_exact.then(|| Self::new(drawing)).flatten()?;
         let min = shape.sharp.elongation().min(shape.small.elongation());
         (min >= ELONGATION_MIN).then_some(shape)
     }
 
-    /// Distance from itself upside down, on a small plate; 0 where it is too little on a large one.
+    /// Distance from itself upside down on a small plate; 0 if it is too small on a large one.
     fn to_half_turn(&self) -> f32 {
         let [_, sharp] = distances(&self.sharp, &self.sharp);
         let [_, small] = distances(&self.small, &self.small);
         if sharp < SEPARATION_MIN { 0.0 } else { small }
     }
 
-    /// The same from another shape.
+    /// The same for another shape.
     fn distance(&self, other: &Self) -> f32 {
         let sharp = compare(&self.sharp, &other.sharp).distance;
         let small = compare(&self.small, &other.small).distance;
@@ -94,21 +98,21 @@ impl Shape {
     }
 }
 
-/// At most `count` shapes that can be told from each other and from the markers in `others`, best first. The same `seed` gives the
-/// same shapes.
+/// At most `count` shapes that are distinguishable from each other and from the markers in
+/// `others`, best first. The same `seed` gives the same shapes.
 ///
 /// # Errors
 ///
-/// [`FamilyError`] when one of `others` is no marker.
+/// [`FamilyError`] if one of `others` is not a marker.
 pub fn design(
     count: usize,
     seed: u64,
     others: &[MarkerFile],
 ) -> Result<Vec<MarkerFile>, FamilyError> {
     let mut family = Family::from_files(others)?;
-    let mut taken = Vec::new();
+    let mut selected = Vec::new();
     for file in others {
-        taken.extend(Shape::new(read_drawing(&file.name, &file.svg)?));
+        selected.extend(Shape::new(read_drawing(&file.name, &file.svg)?));
     }
     let mut random = seed;
     let mut shapes: Vec<Shape> = (0..count * TRIED_FOR_EACH)
@@ -123,7 +127,7 @@ pub fn design(
     let mut chosen = Vec::new();
     while chosen.len() < count {
         let nearest = |shape: &Shape| {
-            let to_others = taken.iter().map(|other| shape.distance(other));
+            let to_others = selected.iter().map(|other| shape.distance(other));
             to_others.fold(shape.to_half_turn(), f32::min)
         };
         let farthest = shapes
@@ -148,12 +152,12 @@ pub fn design(
             name: format!("shape{:02}", chosen.len() + 1),
             svg: svg_of(&shape.drawing.outline),
         });
-        taken.push(shape);
+        selected.push(shape);
     }
     Ok(chosen)
 }
 
-/// Random radii from up to down.
+/// Random radii, from up to down.
 fn radii(random: &mut u64) -> [f32; DIRECTIONS + 1] {
     let mut radii = [0.0; DIRECTIONS + 1];
     let mut last = None::<f32>;
@@ -177,7 +181,7 @@ fn uniform(state: &mut u64) -> f32 {
     ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
 }
 
-/// The outline of a shape whose radii are given from up to down.
+/// The outline of a shape with the given radii, from up to down.
 fn outline(radii: &[f32; DIRECTIONS + 1]) -> Vec<[f32; 2]> {
     (0..CORNERS)
         .map(|corner| {
@@ -189,12 +193,13 @@ fn outline(radii: &[f32; DIRECTIONS + 1]) -> Vec<[f32; 2]> {
         .collect()
 }
 
-/// The radius in a direction: through those given runs a smooth curve (Catmull and Rom 1974), kept within their limits.
+/// The radius in a direction: a smooth curve through the given ones (Catmull and Rom 1974), clamped
+/// to their limits.
 fn radius_at(radii: &[f32; DIRECTIONS + 1], angle: f32) -> f32 {
     let at = angle / TAU * (2 * DIRECTIONS) as f32;
     let from = at as usize;
     let t = at - from as f32;
-    // Down the right side and up the left one.
+    // Down the right side and up the left side.
     let around = |i: usize| {
         let i = i % (2 * DIRECTIONS);
         radii[i.min(2 * DIRECTIONS - i)]

@@ -1,4 +1,4 @@
-//! Markers to print: A4 pages with plates in their true size, names and cut lines.
+//! Marker sheets for printing: A4 pages with plates in true size, names and cut lines.
 
 use std::fmt::Write as _;
 
@@ -7,29 +7,29 @@ use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
 use crate::marker::MarkerFile;
 use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
 
-/// A4, and the border that printers leave, millimetres.
+/// A4, and the unprintable border, millimetres.
 const PAGE_MM: [u32; 2] = [210, 297];
 const BORDER_MM: u32 = 10;
 
-/// Between plates: room for cut lines and the name.
+/// Space between plates, for cut lines and the name.
 const GAP_MM: u32 = 8;
 
 /// Height of the letters.
 const CAPTION_MM: f32 = 2.5;
 
-/// Of PDF: 72 an inch.
+/// PDF points: 72 per inch.
 const POINTS_PER_MM: f32 = 72.0 / 25.4;
 
-/// What a sheet looks like.
+/// Layout of a sheet.
 #[derive(Debug, Clone, Copy)]
 pub struct Layout {
     /// Side of a plate, millimetres.
     pub plate_mm: u32,
-    /// How often each marker is drawn.
+    /// Number of copies of each marker.
     pub copies: u32,
 }
 
-/// A plate on a page: what is drawn on it, and its upper left corner, millimetres from that of the page.
+/// A plate on a page: its drawing, and its upper left corner in millimetres from that of the page.
 struct Spot {
     drawing: Drawing,
     at: [u32; 2],
@@ -39,7 +39,7 @@ struct Spot {
 ///
 /// # Errors
 ///
-/// [`DrawingError`] when a drawing is no marker.
+/// [`DrawingError`] if a drawing is not a marker.
 pub fn svg_pages(files: &[MarkerFile], layout: &Layout) -> Result<Vec<String>, DrawingError> {
     let pages = pages(files, layout)?;
     Ok(pages.iter().map(|page| svg_page(page, layout)).collect())
@@ -49,7 +49,7 @@ pub fn svg_pages(files: &[MarkerFile], layout: &Layout) -> Result<Vec<String>, D
 ///
 /// # Errors
 ///
-/// [`DrawingError`] when a drawing is no marker.
+/// [`DrawingError`] if a drawing is not a marker.
 pub fn pdf(files: &[MarkerFile], layout: &Layout) -> Result<Vec<u8>, DrawingError> {
     const FONT: Name<'_> = Name(b"F1");
     let pages = pages(files, layout)?;
@@ -80,7 +80,7 @@ pub fn pdf(files: &[MarkerFile], layout: &Layout) -> Result<Vec<u8>, DrawingErro
     Ok(pdf.finish())
 }
 
-/// Where each plate comes to lie.
+/// Position of each plate.
 fn pages(files: &[MarkerFile], layout: &Layout) -> Result<Vec<Vec<Spot>>, DrawingError> {
     let pitch = layout.plate_mm + GAP_MM;
     let [columns, rows] = PAGE_MM.map(|side| ((side - 2 * BORDER_MM) / pitch).max(1) as usize);
@@ -113,7 +113,7 @@ impl Spot {
         self.drawing.outline.iter().map(corner)
     }
 
-    /// The cut lines, from one millimetre beside a corner to three, away from the plate.
+    /// The cut lines, from one to three millimetres outside of each corner.
     fn cut_lines(&self, side: u32) -> Vec<[[f32; 2]; 2]> {
         let [left, top] = self.at.map(|c| c as f32);
         let (right, bottom) = (left + side as f32, top + side as f32);
@@ -127,7 +127,7 @@ impl Spot {
         lines
     }
 
-    /// What is written below the plate, and where the middle of its base line is, millimetres.
+    /// The caption below the plate, and the middle of its baseline, millimetres.
     fn caption(&self, side: u32) -> (String, [u32; 2]) {
         let [left, top] = self.at;
         let text = format!("{} {side} mm", self.drawing.name);
@@ -153,7 +153,7 @@ fn svg_page(spots: &[Spot], layout: &Layout) -> String {
             .map(|[from, to]| format!("M{} {}L{} {}", from[0], from[1], to[0], to[1]))
             .collect();
         let (caption, [x, y]) = spot.caption(side);
-        // A `String` takes everything that is written to it.
+        // Writing to a `String` cannot fail.
         let _ = writeln!(
             svg,
             "<path d=\"M{}Z\"/>\n<path d=\"{}\" fill=\"none\" stroke=\"#888\" stroke-width=\"0.1\"/>\n\
@@ -168,7 +168,7 @@ fn svg_page(spots: &[Spot], layout: &Layout) -> String {
     svg
 }
 
-/// A PDF page's origin is its lower left corner.
+/// The origin of a PDF page is its lower left corner.
 fn pdf_plate(content: &mut Content, spot: &Spot, side: u32, font: Name<'_>) {
     let point = |[x, y]: [f32; 2]| [x * POINTS_PER_MM, (PAGE_MM[1] as f32 - y) * POINTS_PER_MM];
     for (i, corner) in spot.outline(side).map(point).enumerate() {
@@ -189,14 +189,14 @@ fn pdf_plate(content: &mut Content, spot: &Spot, side: u32, font: Name<'_>) {
     }
     content.stroke();
     let (caption, at) = spot.caption(side);
-    // The encoding has a byte for each letter of western Europe.
+    // The encoding has one byte for each letter of western Europe.
     let bytes: Vec<u8> = caption
         .chars()
         .map(|letter| u8::try_from(u32::from(letter)).unwrap_or(b'?'))
         .collect();
     let [x, y] = point(at.map(|c| c as f32));
     let size = CAPTION_MM * POINTS_PER_MM;
-    // A letter of this font is about half as wide as it is high.
+    // A letter of this font is about half as wide as high.
     let left = x - 0.25 * size * bytes.len() as f32;
     content.begin_text();
     content.set_font(font, size);

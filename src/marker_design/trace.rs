@@ -1,4 +1,4 @@
-//! A drawing from a view: the outline of a shape that was cut by hand and lies on its plate.
+//! A drawing from an image: the outline of a shape that was cut by hand and lies on its plate.
 
 use imgproc::Size;
 
@@ -8,13 +8,13 @@ use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::svg_of;
 
-/// Narrowest plate that is traced, pixels: on smaller ones, blur rounds the corners off that a drawing should have.
+/// Minimum side of a traced plate, pixels: on smaller ones, blur rounds off the corners.
 const PLATE_MIN_PX: f32 = 40.0;
 
-/// Why a view gives no drawing.
+/// Reasons why an image gives no drawing.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum TraceError {
-    /// There is no dark figure on something light and square.
+    /// There is no dark figure on a light square.
     #[error(
         "no dark shape on a light, square plate is seen; lay the plate on a darker floor, with light all around the shape"
     )]
@@ -29,12 +29,12 @@ pub enum TraceError {
     },
 }
 
-/// The drawing of the shape on the largest plate of a picture. Up in the picture, along the nearest side of the plate, is up in
-/// the drawing.
+/// The drawing of the shape on the largest plate in an image. Its up direction is that of the
+/// image, aligned with the nearest side of the plate.
 ///
 /// # Errors
 ///
-/// [`TraceError`] when there is no plate with a shape, or it is too small.
+/// [`TraceError`] if there is no plate with a shape, or it is too small.
 pub fn trace(picture: &Picture, name: &str) -> Result<MarkerFile, TraceError> {
     let size = picture.size;
     let whole = size.bounds();
@@ -56,7 +56,8 @@ pub fn trace(picture: &Picture, name: &str) -> Result<MarkerFile, TraceError> {
     })
 }
 
-/// The largest plate with a figure: its side, and the figure's outline in units of it, from its centre, upright.
+/// The largest plate with a figure: its side, and the figure's outline in units of the side, from
+/// the plate's centre, upright.
 fn largest(size: Size, grey: &[u8], mask: &[u8]) -> Option<(f32, Vec<[f32; 2]>)> {
     let mut largest: Option<(f32, Vec<[f32; 2]>)> = None;
     let cutout = Cutout { size, grey, mask };
@@ -68,7 +69,7 @@ fn largest(size: Size, grey: &[u8], mask: &[u8]) -> Option<(f32, Vec<[f32; 2]>)>
             .as_ref()
             .is_none_or(|(side, _)| square.side_px > *side)
         {
-            // The nearest of its four turns to upright.
+            // The rotation nearest to upright, of the four.
             let quarter = std::f32::consts::FRAC_PI_2;
             let turn_rad = square.turn_rad - quarter * (square.turn_rad / quarter).round();
             let (sin, cos) = turn_rad.sin_cos();
@@ -113,7 +114,7 @@ mod tests {
         }
     }
 
-    /// A drawing that was traced is the drawing that was seen: shape, heading, size and place on the plate.
+    /// A traced drawing equals the original: shape, heading, size and position on the plate.
     #[test]
     fn what_is_traced_is_what_was_drawn() {
         for (i, (name, svg)) in BUILT_IN.iter().enumerate() {
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_traced_is_said() {
+    fn what_cannot_be_traced_is_reported() {
         let small = trace(&view("arrow", 30.0, 0.0), "new").expect_err("too small");
         assert!(matches!(small, TraceError::TooSmall { side_px } if (side_px - 30.0).abs() < 2.0));
         assert_eq!(trace(&Picture::new(SIZE), "new"), Err(TraceError::NoPlate));

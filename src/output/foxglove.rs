@@ -1,4 +1,4 @@
-//! Frames and scenes as Foxglove messages, and the topics that they are on.
+//! Frames and scenes as Foxglove messages, and their topics.
 
 pub(crate) mod annotate;
 pub mod image_message;

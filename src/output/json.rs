@@ -1,17 +1,19 @@
-//! A scene as one line of JSON, for people, pipes and scripts.
+//! A scene as one line of JSON, for human readers, pipes and scripts.
 //!
-//! The keys are those of the README and never change their meaning; new ones may come. `heading` is left out where an object
-//! has none, `marker` where it is an obstacle, `confidence` where no marker was read in this frame, `overflow` where nothing was
-//! left out of the scene, `frame_age` (seconds) while frames come. The covariance is that of (x, y, heading) for an object with a heading and that of (x, y) for one
-//! without.
+//! The keys are those of the README and never change their meaning; new ones may be added.
+//! `heading` is omitted if an object has none, `marker` for an obstacle, `confidence` if no marker
+//! was read in this frame, `overflow` if the scene is complete, `frame_age` (seconds) while frames
+//! arrive. The covariance is that of (x, y, heading) for an object with a heading, otherwise that
+//! of (x, y).
 //!
-//! Numbers are rounded to a resolution that is finer than anything the camera can tell, so that lines stay short and
-//! equal scenes give equal bytes: lengths, velocities and sizes to 1e-4 px or 1e-6 m, angles to 1e-6 rad, times to 1e-6 s,
-//! confidences to 1e-4, covariances to six significant digits. There is no negative zero. JSON knows no number that is not finite:
-//! such a value, which no stage of the program may produce, appears as `null`.
+//! Numbers are rounded to a resolution finer than the accuracy of any camera, so that lines are
+//! short and equal scenes give equal bytes: lengths, velocities and sizes to 1e-4 px or 1e-6 m,
+//! angles to 1e-6 rad, times to 1e-6 s, confidences to 1e-4, covariances to six significant digits.
+//! There is no negative zero. JSON has no numbers that are not finite: such a value, which no stage
+//! should produce, is written as `null`.
 //!
-//! Deliberately absent: [`Scene::published_ns`], which differs from run to run, so that the same recording gives the same
-//! lines whether they come from the program itself or out of shared memory.
+//! Deliberately absent: [`Scene::published_ns`], which differs from run to run. So the same
+//! recording gives the same lines from the program itself and from shared memory.
 
 use std::io;
 
@@ -22,18 +24,18 @@ use scene::{
 use serde::Serialize;
 use serde::ser::{SerializeMap, SerializeSeq, Serializer};
 
-/// Steps of an angle in one radian.
+/// Steps of an angle per radian.
 const PER_RADIAN: f64 = 1e6;
-/// Steps of a time in one second.
+/// Steps of a time per second.
 const PER_SECOND: f64 = 1e6;
-/// And of shares.
+/// Steps of a share.
 const PER_ONE: f64 = 1e4;
 
-/// Writes `scene` and a line feed to `out`, in many small pieces: give it a buffer.
+/// Writes `scene` and a line feed to `out`, in many small pieces, so `out` should be buffered.
 ///
 /// # Errors
 ///
-/// Whatever `out` returns; a `Vec` never fails.
+/// Any error of `out`; a `Vec` never fails.
 pub fn write_line(scene: &Scene, out: &mut impl io::Write) -> io::Result<()> {
     serde_json::to_writer(&mut *out, &SceneJson(scene))?;
     out.write_all(b"\n")
@@ -82,7 +84,7 @@ impl Serialize for SceneJson<'_> {
 
 struct ObjectJson<'a> {
     object: &'a Object,
-    /// Steps of a length in one unit of the scene's frame.
+    /// Steps of a length per unit of the scene's frame.
     per_unit: f64,
 }
 
@@ -153,7 +155,7 @@ impl ForecastJson {
     }
 }
 
-/// A JSON array made from an iterator, without collecting it first.
+/// A JSON array written from an iterator, without collecting it first.
 struct Sequence<I>(I);
 
 impl<I> Serialize for Sequence<I>
@@ -169,10 +171,11 @@ where
     }
 }
 
-/// `value` rounded to a whole number of steps. The quotient is the double next to the decimal fraction, which prints short.
+/// `value` rounded to a whole number of steps. The quotient is the double nearest to the decimal
+/// fraction, which has a short decimal form.
 fn rounded(value: f64, steps_per_unit: f64) -> f64 {
     let steps = (value * steps_per_unit).round();
-    // Adding zero turns the -0.0 of a small negative value into 0.0.
+    // Adding zero turns -0.0, from a small negative value, into 0.0.
     steps / steps_per_unit + 0.0
 }
 
@@ -182,8 +185,9 @@ fn significant<const N: usize>(matrix: &[[f64; N]; N]) -> [[f64; N]; N] {
 
 /// `value` rounded to six significant digits.
 ///
-/// Scaled by powers of ten that a double holds exactly, so that the result is the double next to the decimal fraction.
-/// Values below 1e-17, the square of three millionths of a millimetre, are given as zero.
+/// Scaled by powers of ten that are exact as doubles, so that the result is the double nearest to
+/// the decimal fraction. Values below 1e-17, the square of three millionths of a millimetre, become
+/// zero.
 fn round_significant(value: f64) -> f64 {
     const POWERS_OF_TEN: [f64; 23] = [
         1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,

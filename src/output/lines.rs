@@ -1,7 +1,9 @@
-//! Lines for standard output, written by a thread of their own: a reader that stops reading holds up neither positions nor a stop.
+//! Lines for standard output, written by a thread of its own: a reader that stops reading blocks
+//! neither positions nor a stop.
 //!
-//! Lines travel in a fixed number of buffers: full ones to the writing thread, empty ones back. Where no buffer is empty the reader is
-//! behind by all of them. What then happens to a line, [`Lines::print`] says.
+//! Lines are passed in a fixed number of buffers: full ones to the writing thread, empty ones back.
+//! If no buffer is empty, the reader is behind by all of them. [`Lines::print`] documents what
+//! happens to a line then.
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,40 +11,41 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Lines that a reader may be behind by: a second or two of a camera.
+/// Maximum number of lines that the reader may be behind: a second or two with a camera.
 const BUFFERS: usize = 32;
-/// Longest wait for the reader before the stop flag is looked at.
+/// Maximum wait for the reader before the stop flag is checked.
 const POLL: Duration = Duration::from_millis(100);
-/// After so many polls without a line read since the stop, nobody reads any more.
+/// After this many polls without a line read since the stop, the reader is considered gone.
 const SILENT_POLLS: u32 = 3;
-/// Shortest time between two reports of lines that were left out.
+/// Minimum time between two reports of dropped lines.
 const REPORT_PERIOD: Duration = Duration::from_secs(10);
 
-/// The way to standard output.
+/// The writer to standard output.
 #[derive(Debug)]
 pub(crate) struct Lines {
-    /// `None` once there will be no more lines.
+    /// `None` after the last line.
     to_write: Option<SyncSender<Vec<u8>>>,
     written: Receiver<Vec<u8>>,
-    /// Buffers that are not on their way.
+    /// Buffers that are not in use.
     empty: Vec<Vec<u8>>,
-    /// `None` once its result is known.
+    /// `None` after its result has been returned.
     thread: Option<JoinHandle<io::Result<()>>>,
     /// Wait for the reader.
     wait: bool,
-    /// It was waited for in vain.
+    /// Waiting for the reader was in vain.
     unread: bool,
     n_left_out: u64,
-    /// When something was last said of lines left out, and of how many.
+    /// Time of the last report of dropped lines, and their number then.
     reported: Option<(Instant, u64)>,
 }
 
 impl Lines {
-    /// Starts to write to `out`, each line at once. `wait` says what becomes of a line for which the reader has no room.
+    /// Starts to write to `out`, each line immediately. `wait` determines what happens to a line if
+    /// the reader is behind.
     ///
     /// # Errors
     ///
-    /// When the thread cannot start.
+    /// If the thread cannot start.
     pub(crate) fn start(out: impl Write + Send + 'static, wait: bool) -> io::Result<Self> {
         let (to_write, full) = sync_channel(BUFFERS);
         let (back, written) = sync_channel(BUFFERS);
@@ -61,12 +64,12 @@ impl Lines {
         })
     }
 
-    /// Prints what `write` puts into a buffer. Where the reader is behind, it is waited for as long as `stop` is not set; without
-    /// waiting, or in vain, the line is left out and counted.
+    /// Prints what `write` puts into a buffer. If the reader is behind, this waits for it as long
+    /// as `stop` is not set. Without waiting, or if it is in vain, the line is dropped and counted.
     ///
     /// # Errors
     ///
-    /// What kept this or an earlier line from being written.
+    /// The error that occurred when this or an earlier line was written.
     pub(crate) fn print(
         &mut self,
         stop: &AtomicBool,
@@ -95,7 +98,7 @@ impl Lines {
             return match self.written.try_recv() {
                 Ok(line) => Some(line),
                 Err(TryRecvError::Empty) => None,
-                // To be sent in vain, which tells why.
+                // Sending it will fail and return the error.
                 Err(TryRecvError::Disconnected) => Some(Vec::new()),
             };
         }
@@ -104,7 +107,8 @@ impl Lines {
         line.map(Result::unwrap_or_default)
     }
 
-    /// A buffer that was written, or that the thread has ended; `None` when `stop` is set and nobody reads any more.
+    /// A buffer that was written, or an error if the thread has ended; `None` if `stop` is set and
+    /// the reader is gone.
     fn wait_for_reader(&self, stop: &AtomicBool) -> Option<Result<Vec<u8>, RecvTimeoutError>> {
         let mut silent_polls = 0;
         while silent_polls < SILENT_POLLS {
@@ -117,13 +121,13 @@ impl Lines {
         None
     }
 
-    /// What is to be said of lines that were left out, when it is time to.
+    /// A message about dropped lines, if one is due.
     pub(crate) fn report(&mut self) -> Option<String> {
-        let (is_due, n_told) = match self.reported {
-            Some((told, n_told)) => (told.elapsed() >= REPORT_PERIOD, n_told),
+        let (is_due, n_reported) = match self.reported {
+            Some((at, n_reported)) => (at.elapsed() >= REPORT_PERIOD, n_reported),
             None => (true, 0),
         };
-        if self.n_left_out == n_told || !is_due {
+        if self.n_left_out == n_reported || !is_due {
             return None;
         }
         self.reported = Some((Instant::now(), self.n_left_out));
@@ -133,11 +137,12 @@ impl Lines {
         ))
     }
 
-    /// Waits until all lines are read, or `stop` is set and nobody reads any more. Returns how many lines were left out.
+    /// Waits until all lines are read, or until `stop` is set and the reader is gone. Returns the
+    /// number of dropped lines.
     ///
     /// # Errors
     ///
-    /// What kept a line from being written.
+    /// The error that occurred when a line was written.
     pub(crate) fn finish(&mut self, stop: &AtomicBool) -> io::Result<u64> {
         self.to_write = None;
         loop {
@@ -150,14 +155,14 @@ impl Lines {
         }
     }
 
-    /// The writing thread's result, once it has ended.
+    /// The result of the writing thread after its end.
     fn result(&mut self) -> io::Result<()> {
         let result = self.thread.take().map_or(Ok(Ok(())), JoinHandle::join);
         result.unwrap_or_else(|_| Err(io::Error::other("the thread that writes it has ended")))
     }
 }
 
-/// Standard output for whoever writes whole lines: waits for the reader as long as `stop` is not set.
+/// A writer for whole lines to standard output: waits for the reader as long as `stop` is not set.
 #[derive(Debug)]
 pub(crate) struct StoppableWriter<'a> {
     lines: Lines,
@@ -169,7 +174,7 @@ impl<'a> StoppableWriter<'a> {
     ///
     /// # Errors
     ///
-    /// When the thread cannot start.
+    /// If the thread cannot start.
     pub(crate) fn start(
         out: impl Write + Send + 'static,
         stop: &'a AtomicBool,
@@ -177,11 +182,11 @@ impl<'a> StoppableWriter<'a> {
         Lines::start(out, true).map(|lines| Self { lines, stop })
     }
 
-    /// Waits until all is read, or `stop` is set and nobody reads any more.
+    /// Waits until everything is read, or until `stop` is set and the reader is gone.
     ///
     /// # Errors
     ///
-    /// What kept a line from being written.
+    /// The error that occurred when a line was written.
     pub(crate) fn finish(mut self) -> io::Result<()> {
         self.lines.finish(self.stop).map(drop)
     }
@@ -194,7 +199,7 @@ impl Write for StoppableWriter<'_> {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        // The thread does so after each line.
+        // The thread flushes after each line.
         Ok(())
     }
 }
@@ -207,7 +212,7 @@ fn write_all(
     for line in full {
         out.write_all(&line)?;
         out.flush()?;
-        // There is room for all buffers.
+        // The channel has room for all buffers.
         drop(back.try_send(line));
     }
     Ok(())
@@ -217,7 +222,7 @@ fn write_all(
 mod tests {
     use super::*;
 
-    /// Writes as many bytes as it is told to, then waits to be told again.
+    /// Writes the number of bytes it is allowed to, then waits for the next permission.
     struct Reader {
         allowed: Receiver<usize>,
         left: usize,
@@ -240,7 +245,7 @@ mod tests {
         }
     }
 
-    /// Lines, what lets bytes through, and what was let through.
+    /// Lines, the sender of permissions, and the bytes written.
     fn lines(wait: bool) -> (Lines, SyncSender<usize>, Receiver<Vec<u8>>) {
         let (allow, allowed) = sync_channel(1000);
         let (read, bytes) = sync_channel(1000);
@@ -269,8 +274,11 @@ mod tests {
             print(&mut lines, &stop, n).expect("nothing fails");
         }
         let n_left_out = 100 - BUFFERS;
-        let said = lines.report().expect("it is said");
-        assert!(said.ends_with(&format!("{n_left_out} so far")), "{said}");
+        let message = lines.report().expect("a message");
+        assert!(
+            message.ends_with(&format!("{n_left_out} so far")),
+            "{message}"
+        );
         assert_eq!(lines.report(), None);
         allow.send(10_000).expect("the thread lives");
         assert_eq!(
@@ -297,7 +305,7 @@ mod tests {
         for n in 0..100 {
             print(&mut lines, &stop, n).expect("nothing fails");
         }
-        // From here on nobody reads.
+        // From here on there is no reader.
         let allow = slowly.join().expect("it ends");
         while bytes.try_iter().count() > 0 || lines.empty.len() < BUFFERS {
             lines.empty.extend(lines.written.try_iter());

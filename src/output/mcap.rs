@@ -1,5 +1,6 @@
-//! MCAP files: [`record`] writes one, [`series`] several after each other, [`recover`] mends one that was cut off. What a recording says of
-//! its making is [`provenance`]. [`replay`](crate::source::replay) reads them.
+//! MCAP files: [`record`] writes one, [`series`] several in sequence, [`recover`] repairs a
+//! truncated one. [`provenance`] describes how a recording was made.
+//! [`replay`](crate::source::replay) reads recordings.
 
 pub(crate) mod channels;
 pub mod provenance;
@@ -13,5 +14,5 @@ use std::io::BufWriter;
 
 use ::mcap::write::NoSeek;
 
-/// A file that is being written.
+/// A file being written.
 pub(crate) type Mcap = ::mcap::Writer<NoSeek<BufWriter<File>>>;

@@ -1,19 +1,22 @@
-//! Scenes out to planners on the same machine, through shared memory.
+//! Publishes scenes to planners on the same machine through shared memory.
 //!
-//! An iceoryx2 publish-subscribe service carries each [`Scene`] and an event service of the same name wakes those who wait for
-//! it. A subscriber reads the scene in place: what it costs to have many subscribers is one pointer each. Subscribers map scenes for
-//! reading only.
+//! An iceoryx2 publish-subscribe service transports each [`Scene`], and an event service of the
+//! same name wakes waiting subscribers. A subscriber reads the scene in place: each additional
+//! subscriber costs one pointer. Subscribers map scenes read-only.
 //!
-//! The publisher never waits for a subscriber. A slow one loses its oldest scenes (safe overflow), a stopped or killed one
-//! fills its own queue and nobody else's, and what a killed one leaves behind is removed now and then. The last scene is kept
-//! for late joiners. One service has one publisher: a second one is refused while the first lives, and takes over what a
-//! killed first one left behind, subscribers included. When the files are removed while they are in use, the service is opened anew.
+//! The publisher never waits for a subscriber. A slow one loses its oldest scenes (safe overflow);
+//! a stopped or killed one fills only its own queue, and the remains of a killed one are removed
+//! periodically. The last scene is kept for late joiners. A service has one publisher: a second one
+//! is refused while the first is alive, and takes over the remains of a killed one, including its
+//! subscribers. If the files are removed while in use, the service is opened again.
 //!
-//! `ports` is what is open, `place` says where the files are and who may reach them, `presence` whether they are still there, `leftovers` who is behind a
-//! service that cannot be opened.
+//! `ports` holds the open ports, `place` determines where the files are and who has access,
+//! `presence` checks whether they still exist, and `leftovers` finds the programs behind a service
+//! that cannot be opened.
 //!
-//! Deliberately absent: the configuration files of iceoryx2, which it would look for in the working directory (planners use
-//! `Config::default()` or `scene::config` as well), its signal handlers (the program has its own) and its log (errors are returned).
+//! Deliberately absent: the configuration files of iceoryx2, which it would search for in the
+//! working directory (planners use `Config::default()` or `scene::config` as well), its signal
+//! handlers (the program has its own) and its log (errors are returned).
 
 mod error;
 pub(crate) mod leftovers;
@@ -39,56 +42,59 @@ use crate::output::shared_memory::presence::Found;
 /// The variant of iceoryx2's inter-process services whose ports may move to another thread.
 pub(crate) type Ipc = ipc_threadsafe::Service;
 
-/// Most subscribers of one service at a time.
+/// Maximum number of simultaneous subscribers of a service.
 pub const MAX_SUBSCRIBERS: usize = 16;
-/// Most scenes that wait for one subscriber; it chooses how many of them it wants.
+/// Maximum number of scenes queued for one subscriber, which may choose fewer.
 pub const SUBSCRIBER_BUFFER: usize = 4;
-/// Most scenes that one subscriber looks at a time.
+/// Maximum number of scenes that a subscriber borrows at a time.
 const SUBSCRIBER_BORROWED: usize = 2;
-/// Scenes kept for late joiners.
+/// Number of scenes kept for late joiners.
 const HISTORY: usize = 1;
-/// Shared memory that the scenes of one service take at most; usually it is two or three scenes.
+/// Maximum shared memory for the scenes of one service; usually only two or three scenes are in
+/// use.
 const SEGMENT_BYTES: u64 =
     ((MAX_SUBSCRIBERS * (SUBSCRIBER_BUFFER + SUBSCRIBER_BORROWED) + HISTORY + 1)
         * size_of::<Scene>()) as u64;
-/// Where Linux keeps shared memory.
+/// Folder of shared memory on Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
-/// Most processes on one service: subscribers, this publisher, and some that come to look or to clean up.
+/// Maximum number of processes per service: subscribers, this publisher, and some for inspection or
+/// cleanup.
 const MAX_NODES: usize = MAX_SUBSCRIBERS + 4;
 
-/// How long [`Publisher::open`] waits while another process still clears away a dead publisher.
-const TAKEOVER_PATIENCE: Duration = Duration::from_secs(2);
-/// Shortest time between two looks for subscribers that died. A look takes about 0.2 ms a subscriber.
+/// How long [`Publisher::open`] waits while another process is cleaning up after a dead publisher.
+const TAKEOVER_TIMEOUT: Duration = Duration::from_secs(2);
+/// Minimum time between two checks for dead subscribers. A check takes about 0.2 ms per subscriber.
 const CLEANUP_PERIOD_NS: u64 = 5_000_000_000;
-/// Time between two looks at whether the files are still there. A look takes some microseconds.
+/// Time between two checks whether the files still exist. A check takes some microseconds.
 const PRESENCE_PERIOD_NS: u64 = 1_000_000_000;
-/// First wait before those who were not reached are tried again, in the place of a group; it doubles each time.
+/// Initial delay before unreached subscribers are retried, in the place of a group; it doubles each
+/// time.
 const RETRY_NS: u64 = 100_000_000;
-/// Longest such wait.
+/// Maximum such delay.
 const RETRY_MAX_NS: u64 = 60_000_000_000;
 
-/// The one publisher of a service. Everything is removed from shared memory when it is dropped.
+/// The single publisher of a service. Everything is removed from shared memory when it is dropped.
 #[derive(Debug)]
 pub struct Publisher {
     name: ServiceName,
     group: Option<String>,
     place: Place,
     remark: Option<String>,
-    /// Missing while it cannot be opened again after its files were removed.
+    /// `None` while it cannot be opened again after its files were removed.
     ports: Option<Ports>,
-    /// What was said last about that.
+    /// The last message about that.
     lost: Option<String>,
-    /// `CLOCK_MONOTONIC` of the last look at the files.
+    /// `CLOCK_MONOTONIC` of the last check of the files.
     looked_ns: u64,
-    /// `CLOCK_MONOTONIC` of the last look for dead subscribers.
+    /// `CLOCK_MONOTONIC` of the last check for dead subscribers.
     cleaned_ns: u64,
-    /// `CLOCK_MONOTONIC` from which those who were not reached are tried again, and the wait after that.
+    /// `CLOCK_MONOTONIC` of the next retry of unreached subscribers, and the delay after that.
     retry: (u64, u64),
 }
 
 impl Publisher {
-    /// Opens the services `name/scene` for publication, and first clears away what killed processes left behind. Subscribers are
-    /// programs of the same user, and of root.
+    /// Opens the services `name/scene` for publication, after removing the remains of killed
+    /// processes. Subscribers are programs of the same user, and of root.
     ///
     /// # Errors
     ///
@@ -105,7 +111,7 @@ impl Publisher {
     pub fn open_for(name: &str, group: Option<&str>) -> Result<Self, PublishError> {
         let name = service_name(name)?;
         set_log_level(LogLevel::Fatal);
-        let (place, ports, remark) = open_anywhere(name, group, TAKEOVER_PATIENCE)?;
+        let (place, ports, remark) = open_anywhere(name, group, TAKEOVER_TIMEOUT)?;
         let now_ns = monotonic_ns();
         Ok(Self {
             name,
@@ -120,22 +126,23 @@ impl Publisher {
         })
     }
 
-    /// What a user should know about where it is published, if it is not where every planner looks.
+    /// A remark for the user if the place of publication is not the default.
     #[must_use]
     pub fn remark(&self) -> Option<&str> {
         self.remark.as_deref()
     }
 
-    /// Publishes `scene` with [`Scene::published_ns`] set to now, and wakes those who wait for it. Waits for nobody, but up to 30 ms
-    /// for a member of the group that has just come.
+    /// Publishes `scene` with [`Scene::published_ns`] set to now, and wakes waiting subscribers.
+    /// Does not block, except up to 30 ms for a new member of the group.
     ///
     /// # Errors
     ///
-    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed. [`PublishError::PutBack`],
-    /// [`PublishError::Removed`] and [`PublishError::Lost`] say what was found; the scene was published if that was possible.
+    /// [`PublishError::Send`] and [`PublishError::Wake`]; the next call may succeed.
+    /// [`PublishError::PutBack`], [`PublishError::Removed`] and [`PublishError::Lost`] report
+    /// missing files; the scene was published if possible.
     pub fn send(&mut self, scene: &Scene) -> Result<(), PublishError> {
         let now_ns = monotonic_ns();
-        let presence = self.look_after_files(now_ns);
+        let presence = self.check_files(now_ns);
         let Some(ports) = &mut self.ports else {
             return presence;
         };
@@ -154,14 +161,15 @@ impl Publisher {
         presence
     }
 
-    /// Hands the last scene to subscribers that came after it, and wakes them. To be called now and then while no frame
-    /// comes; [`Publisher::send`] does the same. Those who have the scene already are woken too, and find nothing new.
+    /// Sends the last scene to subscribers that joined after it, and wakes them. To be called
+    /// periodically while no frame arrives; [`Publisher::send`] does the same. Subscribers that
+    /// already have the scene are woken too, and find nothing new.
     ///
     /// # Errors
     ///
-    /// As for [`Publisher::send`].
+    /// Same as [`Publisher::send`].
     pub fn serve_late_joiners(&mut self) -> Result<(), PublishError> {
-        let presence = self.look_after_files(monotonic_ns());
+        let presence = self.check_files(monotonic_ns());
         let Some(ports) = &mut self.ports else {
             return presence;
         };
@@ -173,8 +181,8 @@ impl Publisher {
         presence
     }
 
-    /// Opens the service anew when its files were removed.
-    fn look_after_files(&mut self, now_ns: u64) -> Result<(), PublishError> {
+    /// Opens the service again if its files were removed.
+    fn check_files(&mut self, now_ns: u64) -> Result<(), PublishError> {
         if now_ns.saturating_sub(self.looked_ns) < PRESENCE_PERIOD_NS {
             return Ok(());
         }
@@ -193,7 +201,7 @@ impl Publisher {
             Some(Found::Missing(file)) => file.display().to_string(),
             None => "shared memory".to_owned(),
         };
-        // First, as there is room for one publisher.
+        // Closed first, because there can be only one publisher.
         self.ports = None;
         match open_anywhere(self.name, self.group.as_deref(), Duration::ZERO) {
             Ok((place, ports, remark)) => {
@@ -215,8 +223,8 @@ impl Publisher {
         }
     }
 
-    /// A killed process's socket refuses its wake-up. What a process leaves that died without ever waiting is cleared away by the next
-    /// one that comes.
+    /// The socket of a killed process rejects the wake-up. The remains of a process that died
+    /// without ever waiting are removed by the next one that joins.
     fn clear_away_dead_subscribers(&mut self, now_ns: u64) {
         if let Some(ports) = &self.ports
             && now_ns.saturating_sub(self.cleaned_ns) > CLEANUP_PERIOD_NS
@@ -226,7 +234,8 @@ impl Publisher {
         }
     }
 
-    /// A subscriber of another user is reached once it has opened its files to the group. iceoryx2 tries only once, when it comes.
+    /// A subscriber of another user becomes reachable when it has opened its files to the group.
+    /// iceoryx2 tries only once, when it joins.
     fn try_unreached_again(&mut self, now_ns: u64) {
         let (due_ns, wait_ns) = self.retry;
         if self.place.kind != Kind::Group || now_ns < due_ns {
@@ -234,25 +243,26 @@ impl Publisher {
         }
         self.retry = (now_ns + wait_ns, (2 * wait_ns).min(RETRY_MAX_NS));
         if let Some(ports) = &mut self.ports {
-            ports.connect_anew();
+            ports.reconnect();
             self.place.admit();
         }
     }
 }
 
-/// Opens the service where planners look first, or else where this user's own look, too; with a group, in its place.
+/// Opens the service at the default place, or else at this user's own place; with a group, at the
+/// place of the group.
 fn open_anywhere(
     name: ServiceName,
     group: Option<&str>,
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<(Place, Ports, Option<String>), PublishError> {
     if let Some(group) = group {
         let place = Place::of_group(group)?;
         place.sweep();
-        let ports = open_patiently(&place, name, patience)?;
+        let ports = open_with_timeout(&place, name, timeout)?;
         return Ok((place, ports, None));
     }
-    let first = Place::default().and_then(|place| match open_patiently(&place, name, patience) {
+    let first = Place::default().and_then(|place| match open_with_timeout(&place, name, timeout) {
         Err(PublishError::Denied { reason, .. }) => Err(reason),
         result => Ok(result.map(|ports| (place, ports, None))),
     });
@@ -261,7 +271,7 @@ fn open_anywhere(
         Err(reason) => reason,
     };
     let place = Place::of_user().map_err(|own| denied(name, format!("{reason}; {own}")))?;
-    let ports = open_patiently(&place, name, patience)?;
+    let ports = open_with_timeout(&place, name, timeout)?;
     let remark = format!(
         "{reason}; publishing in {} instead, where `overcam watch` and planners that use scene::config look, too",
         place.root().display()
@@ -269,13 +279,13 @@ fn open_anywhere(
     Ok((place, ports, Some(remark)))
 }
 
-/// Waits while another process clears away a dead publisher, and then does it itself.
-fn open_patiently(
+/// Waits while another process is cleaning up after a dead publisher, then does the cleanup itself.
+fn open_with_timeout(
     place: &Place,
     name: ServiceName,
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<Ports, PublishError> {
-    let deadline = Instant::now() + patience;
+    let deadline = Instant::now() + timeout;
     loop {
         check_room(name)?;
         let error = match Ports::open(place, name) {
@@ -291,7 +301,8 @@ fn open_patiently(
         let Some(programs) = leftovers::programs(&place.config, &name) else {
             return Ports::open(place, name);
         };
-        // A blocked service has no publisher and cannot get one, whoever else has it open.
+        // A blocked service has no publisher and cannot get one, even if other programs have it
+        // open.
         if programs.alive && matches!(error, PublishError::Incompatible { .. }) {
             return Err(PublishError::Incompatible {
                 service: name.to_string(),
@@ -309,7 +320,7 @@ fn open_patiently(
     }
 }
 
-/// The name under which `name` is known to iceoryx2.
+/// The iceoryx2 name of the service `name`.
 pub(crate) fn service_name(name: &str) -> Result<ServiceName, NameError> {
     let max = ServiceName::max_len() - SERVICE_SUFFIX.len();
     let owned = || name.to_owned();
@@ -333,10 +344,11 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, NameError> {
         .map_err(|_| NameError::Reserved { name: owned() })
 }
 
-/// Memory is only taken when a scene is written into it, and there is no way to refuse it then but a fatal signal.
+/// Memory is allocated only when a scene is written into it, and then a shortage causes a fatal
+/// signal instead of an error.
 fn check_room(service: ServiceName) -> Result<(), PublishError> {
     let Ok(space) = rustix::fs::statvfs(SHARED_MEMORY) else {
-        return Ok(()); // what is wrong with it will be said when the service is opened
+        return Ok(()); // errors are reported when the service is opened
     };
     let free_bytes = space.f_bavail.saturating_mul(space.f_frsize);
     if free_bytes >= SEGMENT_BYTES {

@@ -1,4 +1,4 @@
-//! The capture thread: opens the source and takes frames from it into free slots.
+//! The capture thread: opens the source and captures frames into free slots.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,7 +14,8 @@ use crate::run::slot::{Next, Slot};
 use crate::run::threads::{POLL, SLOTS, joined, spawn};
 use crate::source::{Source, SourceError};
 
-/// Opens the source on a thread of its own, as a pipe may be silent for long before its header comes. `None`: stopped before.
+/// Opens the source on a thread of its own, because a pipe may be silent for a long time before its
+/// header arrives. `None` if stopped before.
 pub(crate) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Result<Option<Source>> {
     let (to_run, opened) = sync_channel(1);
     let (device, request) = (args.device.clone(), args.request());
@@ -31,22 +32,22 @@ pub(crate) fn open_source(args: &SourceArgs, stop: &AtomicBool) -> anyhow::Resul
     }
 }
 
-/// How much the capture thread takes from the source, and in which manner.
+/// What the capture thread does with the source.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Orders {
-    /// Frames come whether or not somebody takes them.
+    /// Frames arrive whether or not they are consumed.
     pub(crate) live: bool,
-    /// Frames at most.
+    /// Maximum number of frames.
     pub(crate) limit: u64,
-    /// A camera that is lost is waited for.
+    /// Wait for a camera that is lost.
     pub(crate) waits: bool,
 }
 
-/// A source whose frames are being captured.
+/// A source with a running capture thread.
 pub(crate) struct Feed {
-    /// Frames, in the order in which they came.
+    /// Frames, in the order of arrival.
     pub(crate) frames: Receiver<Slot>,
-    /// Where slots go back to be filled again.
+    /// Returns slots to be filled again.
     pub(crate) free: SyncSender<Slot>,
     pub(crate) counters: Arc<Counters>,
     /// Ends with the source, or when the other three are dropped.
@@ -54,12 +55,12 @@ pub(crate) struct Feed {
 }
 
 impl Feed {
-    /// Starts the capture thread with all its slots. What a person should know meanwhile goes to `say`.
+    /// Starts the capture thread with all its slots. Messages for the user go to `messages`.
     pub(crate) fn start(
         source: Source,
         orders: Orders,
         stop: &Arc<AtomicBool>,
-        say: Sender<String>,
+        messages: Sender<String>,
     ) -> anyhow::Result<Self> {
         let (to_process, frames) = sync_channel(SLOTS);
         let (to_capture, free) = sync_channel(SLOTS);
@@ -67,7 +68,17 @@ impl Feed {
         let counters = Arc::new(Counters::default());
         let thread = spawn("capture", {
             let (counters, stop) = (Arc::clone(&counters), Arc::clone(stop));
-            move || capture(source, orders, &free, &to_process, &stop, &counters, &say)
+            move || {
+                capture(
+                    source,
+                    orders,
+                    &free,
+                    &to_process,
+                    &stop,
+                    &counters,
+                    &messages,
+                )
+            }
         })?;
         Ok(Self {
             frames,
@@ -78,7 +89,8 @@ impl Feed {
     }
 }
 
-/// The capture thread: takes frames from the source into free slots. What a person should know meanwhile goes to `say`.
+/// The capture thread: captures frames from the source into free slots. Messages for the user go to
+/// `messages`.
 fn capture(
     mut source: Source,
     orders: Orders,
@@ -86,13 +98,14 @@ fn capture(
     to_process: &SyncSender<Slot>,
     stop: &AtomicBool,
     counters: &Counters,
-    say: &Sender<String>,
+    messages: &Sender<String>,
 ) -> Result<(), SourceError> {
-    // One slot is always at hand: a camera's frame is taken even when there is no room for it, lest the driver stalls.
+    // One slot is always available: a camera's frame is captured even if there is no room for it,
+    // so that the driver does not stall.
     let mut slot = Slot::empty();
-    let mut taken = 0;
-    let mut outage = Outage::new(say);
-    while taken < orders.limit && !stop.load(Ordering::Relaxed) {
+    let mut n_captured = 0;
+    let mut outage = Outage::new(messages);
+    while n_captured < orders.limit && !stop.load(Ordering::Relaxed) {
         let next = source.next(&mut slot);
         if let Some(camera) = source.camera_counters() {
             counters
@@ -111,7 +124,7 @@ fn capture(
             next => next?,
         };
         match next {
-            Next::Frame => taken += 1,
+            Next::Frame => n_captured += 1,
             Next::Nothing => continue,
             Next::End => break,
         }
@@ -123,7 +136,7 @@ fn capture(
         };
         match room {
             Ok(room) => {
-                // Counted first, so that no one ever sees more frames than were captured.
+                // Counted first, so that no thread ever sees more frames than were captured.
                 counters.captured.fetch_add(1, Ordering::Release);
                 let full = std::mem::replace(&mut slot, room);
                 if to_process.send(full).is_err() {
@@ -141,13 +154,14 @@ fn capture(
     Ok(())
 }
 
-/// The result of the capture thread. If the run was stopped, it may be waiting for a pipe that stays silent; it is left behind then.
+/// The result of the capture thread. After a stop, it may be blocked on a silent pipe; it is then
+/// left behind.
 pub(crate) fn joined_unless_blocked(
     thread: JoinHandle<Result<(), SourceError>>,
     stop: &AtomicBool,
 ) -> anyhow::Result<Result<(), SourceError>> {
-    let patience = Instant::now() + 3 * POLL;
-    while stop.load(Ordering::Relaxed) && !thread.is_finished() && Instant::now() < patience {
+    let deadline = Instant::now() + 3 * POLL;
+    while stop.load(Ordering::Relaxed) && !thread.is_finished() && Instant::now() < deadline {
         std::thread::sleep(POLL / 20);
     }
     if stop.load(Ordering::Relaxed) && !thread.is_finished() {

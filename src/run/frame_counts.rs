@@ -1,21 +1,21 @@
-//! The books of a run: what became of every frame.
+//! Frame counts of a run, by the fate of each frame.
 
 use std::sync::atomic::Ordering;
 
 use crate::run::counters::Counters;
 
-/// What became of the frames of a run.
+/// Number of frames of a run, by fate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FrameCounts {
-    /// Taken from the source.
+    /// Received from the source.
     pub captured: u64,
-    /// Thrown away because no slot was free.
+    /// Dropped because no slot was free.
     pub dropped: u64,
-    /// Went through the pipeline.
+    /// Processed by the pipeline.
     pub processed: u64,
-    /// Passed over for a newer one, or no readable picture.
+    /// Skipped for a newer one, or undecodable.
     pub skipped: u64,
-    /// Written to the recording; all of those that came by, when there is none.
+    /// Written to the recording; without one, all frames that reached this point.
     pub recorded: u64,
     /// Lost from the recording.
     pub unrecorded: u64,
@@ -29,7 +29,8 @@ impl FrameCounts {
             && self.processed + self.skipped == self.recorded + self.unrecorded
     }
 
-    /// Enters what capture counted. One that was left behind may still count: the run ends with the frames that came from it.
+    /// Adds the counts of the capture thread. If it was left behind, it may still count; then the
+    /// number of frames received from it is used.
     pub(super) fn with_capture(self, counters: &Counters, capture_ended: bool) -> Self {
         let dropped = counters.dropped.load(Ordering::Acquire);
         let captured = if capture_ended {

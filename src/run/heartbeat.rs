@@ -1,27 +1,28 @@
-//! What is published while a camera delivers nothing: that it delivers nothing, and for how long.
+//! Scenes published while a camera delivers no frames, with the duration of the outage.
 
 use std::time::{Duration, Instant};
 
 use scene::{CLOCK_MONOTONIC, SOURCE_WAITING, Scene};
 
-/// From one scene without a frame to the next.
+/// Time between two scenes without a frame.
 const PERIOD: Duration = Duration::from_secs(1);
-/// So long, and so many times the distance of the last two frames, may pass without a frame before it is said that none comes. The rate
-/// that a camera states is not always the one at which it is fed.
+/// Silence before an outage is published: this time, and this multiple of the interval of the last
+/// two frames. The actual rate of a camera may differ from the stated one.
 const SILENCE: (Duration, u32) = (Duration::from_secs(1), 3);
 
-/// The scene that stands for no frame, and when it is due.
+/// The scene published without a frame, and when it is due.
 #[derive(Debug)]
 pub(super) struct Heartbeat {
     scene: Box<Scene>,
-    /// From one frame to the next: as the camera states it, then as it was.
+    /// Interval between frames: first as stated by the camera, then as measured.
     interval: Duration,
     last_frame: Option<Instant>,
     last_sent: Option<Instant>,
 }
 
 impl Heartbeat {
-    /// `rate_hz` is the camera's, where it states it, `frame` that of its scenes ([`Scene::frame`]).
+    /// `rate_hz` is the rate stated by the camera, if any, `frame` the coordinate frame of its
+    /// scenes ([`Scene::frame`]).
     pub(super) fn new(rate_hz: Option<f64>, frame: u32) -> Self {
         let interval_s = rate_hz.map_or(0.0, |rate_hz| 1.0 / rate_hz.max(1e-3));
         Self {
@@ -37,10 +38,10 @@ impl Heartbeat {
         }
     }
 
-    /// A frame has come, with this scene or with none of its own.
+    /// To be called for each frame, with or without a scene of its own.
     pub(super) fn frame(&mut self, sequence: u64, stamp_ns: u64, now: Instant) {
         (self.scene.sequence, self.scene.stamp_ns) = (sequence, stamp_ns);
-        // An outage tells nothing of the usual interval.
+        // An outage is no measure of the usual interval.
         if let (Some(last), None) = (self.last_frame, self.last_sent) {
             self.interval = now.saturating_duration_since(last);
         }
@@ -48,13 +49,14 @@ impl Heartbeat {
         self.last_sent = None;
     }
 
-    /// How the light was in the last scene.
+    /// Stores the illumination of the last scene.
     pub(super) fn light(&mut self, scene: &Scene) {
         (self.scene.light, self.scene.gain) = (scene.light, scene.gain);
     }
 
-    /// The scene to publish, if it is time for one: at once when the camera is known to be lost, otherwise when it has been
-    /// silent for long, and then every second. Nothing is due before the first frame. `now_ns` is on the clock of the stamps.
+    /// The scene to publish, if one is due: immediately if the camera is known to be lost,
+    /// otherwise after a long silence, and then every second. Never before the first frame.
+    /// `now_ns` is on the clock of the stamps.
     pub(super) fn due(&mut self, is_lost: bool, now: Instant, now_ns: u64) -> Option<&Scene> {
         let silence = SILENCE.0.max(SILENCE.1 * self.interval);
         let is_silent = now.saturating_duration_since(self.last_frame?) >= silence;
@@ -125,7 +127,7 @@ mod tests {
         let last = start + 8100 * MS;
         assert!(heartbeat.due(false, last + 2699 * MS, 0).is_none());
         assert!(heartbeat.due(false, last + 2700 * MS, 0).is_some());
-        // What was an outage is not taken for the usual interval.
+        // The outage did not change the usual interval.
         heartbeat.frame(10, 0, last + 60_000 * MS);
         assert!(heartbeat.due(false, last + 62_700 * MS, 0).is_some());
     }

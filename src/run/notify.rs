@@ -1,7 +1,8 @@
-//! What systemd is told about a run: that it has started, that it lives, and how far it is.
+//! Notifications to systemd: start, watchdog and status.
 //!
-//! The protocol of `sd_notify(3)`: datagrams to the socket that the environment names. Without one, as when a person starts the program,
-//! nothing is sent. Nothing here waits, and nothing that fails matters: systemd notices missing words by itself.
+//! The protocol of `sd_notify(3)`: datagrams to the socket named in the environment. Without one,
+//! as when a user starts the program, nothing is sent. Nothing here blocks, and errors are ignored:
+//! systemd detects missing messages itself.
 
 use std::ffi::OsString;
 use std::io;
@@ -10,28 +11,28 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
-/// Shortest time between two words on how far the run is.
+/// Minimum time between two status messages.
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
 
-/// The way to systemd, if there is one.
+/// The connection to systemd, if there is one.
 #[derive(Debug, Default)]
 pub(crate) struct Notify {
     socket: Option<UnixDatagram>,
-    /// How often it wants to hear that the run lives.
+    /// Watchdog interval.
     period: Option<Duration>,
     beat: Option<Instant>,
-    told: Option<Instant>,
+    status_sent: Option<Instant>,
 }
 
 impl Notify {
-    /// As the environment says: `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`.
+    /// Reads `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID` from the environment.
     pub(crate) fn from_environment() -> Self {
         let number = |name| std::env::var(name).ok()?.parse::<u64>().ok();
         let for_us = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
         let limit_us = number("WATCHDOG_USEC").filter(|&limit| limit > 0 && for_us);
         Self {
             socket: std::env::var_os("NOTIFY_SOCKET").and_then(|path| connect(path).ok()),
-            // Half of the limit is usual; a quarter leaves room for a slow frame.
+            // Half of the limit is usual; a quarter allows for a slow frame.
             period: limit_us.map(|limit| Duration::from_micros(limit / 4)),
             ..Self::default()
         }
@@ -39,15 +40,16 @@ impl Notify {
 
     /// The run has started.
     pub(crate) fn started(&mut self) {
-        self.tell("READY=1");
+        self.send("READY=1");
     }
 
-    /// The run ends by itself or because it was asked to.
+    /// The run is about to end, by itself or on request.
     pub(crate) fn stopping(&mut self) {
-        self.tell("STOPPING=1");
+        self.send("STOPPING=1");
     }
 
-    /// The run is alive. To be called often; `status` is called only when a text is due.
+    /// Sends a watchdog message. To be called often; `status` is called only if a status message is
+    /// due.
     pub(crate) fn alive(&mut self, status: impl FnOnce() -> String) {
         if self.socket.is_none() {
             return;
@@ -58,15 +60,15 @@ impl Notify {
             && due(self.beat, period)
         {
             self.beat = Some(now);
-            self.tell("WATCHDOG=1");
+            self.send("WATCHDOG=1");
         }
-        if due(self.told, STATUS_PERIOD) {
-            self.told = Some(now);
-            self.tell(&format!("STATUS={}", status()));
+        if due(self.status_sent, STATUS_PERIOD) {
+            self.status_sent = Some(now);
+            self.send(&format!("STATUS={}", status()));
         }
     }
 
-    fn tell(&mut self, word: &str) {
+    fn send(&mut self, word: &str) {
         if let Some(socket) = &self.socket {
             let _ = socket.send(word.as_bytes());
         }
@@ -100,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn systemd_is_told_at_a_path_and_at_an_abstract_name() {
+    fn systemd_is_notified_at_a_path_and_at_an_abstract_name() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("notify");
         let name = format!("overcam-test-{}", std::process::id());
@@ -138,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_told_where_nobody_listens() {
+    fn nothing_is_sent_without_a_listener() {
         assert!(connect("/no/such/socket".into()).is_err());
         let mut notify = Notify::default();
         notify.started();

@@ -1,4 +1,4 @@
-//! A camera that is lost while it runs, and what is done until it is back.
+//! Loss of a running camera, and waiting for its return.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
@@ -8,63 +8,66 @@ use crate::camera::Loss;
 use crate::run::counters::Counters;
 use crate::source::{Source, SourceError};
 
-/// From one try to the next. The kernel makes a node within about half a second of the plug.
+/// Time between two attempts. The kernel creates the device node within about half a second after
+/// plugging in.
 const RETRY: Duration = Duration::from_millis(100);
-/// A reason why the camera cannot be used yet is said when it has lasted so long: for a moment after the plug nodes belong to nobody.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// Delay before reporting why the camera cannot be used yet: right after plugging in, the ownership
+/// of the node is not yet set.
+const REPORT_DELAY: Duration = Duration::from_secs(3);
 
-/// Whether a camera is lost, and what has been said of it.
+/// Whether a camera is lost, and what has been reported.
 #[derive(Debug)]
 pub(super) struct Outage<'a> {
     /// To the thread that writes the status line.
-    say: &'a Sender<String>,
+    messages: &'a Sender<String>,
     since: Option<Instant>,
-    /// Why it cannot be used yet, since when, and whether that was said.
+    /// Why it cannot be used yet, since when, and whether that was reported.
     refusal: Option<(String, Instant, bool)>,
 }
 
 impl<'a> Outage<'a> {
-    pub(super) fn new(say: &'a Sender<String>) -> Self {
+    pub(super) fn new(messages: &'a Sender<String>) -> Self {
         Self {
-            say,
+            messages,
             since: None,
             refusal: None,
         }
     }
 
-    fn tell(&self, message: String) {
-        // Nobody listens at the end of a run.
-        drop(self.say.send(message));
+    fn report(&self, message: String) {
+        // At the end of a run the receiver may be gone.
+        drop(self.messages.send(message));
     }
 
-    /// The camera is lost, again perhaps before it gave a frame. Said once.
+    /// The camera is lost, possibly again before it delivered a frame. Reported once.
     pub(super) fn begin(&mut self, loss: &Loss, counters: &Counters) {
         if self.since.is_none() {
             self.since = Some(Instant::now());
-            self.tell(format!(
+            self.report(format!(
                 "{loss}: waiting for it to come back; until then nothing is seen"
             ));
         }
         counters.is_waiting.store(true, Ordering::Release);
     }
 
-    /// A frame has come.
+    /// A frame has arrived.
     pub(super) fn end(&mut self, sequence: u64, source: &Source, counters: &Counters) {
         let Some(since) = self.since.take() else {
             return;
         };
         self.refusal = None;
         counters.is_waiting.store(false, Ordering::Release);
-        self.tell(format!(
+        self.report(format!(
             "the camera is back after {:.1} s; frame {sequence} is its first, and the floor is the one of before",
             since.elapsed().as_secs_f64()
         ));
         if let Some(controls) = source.info().controls {
-            self.tell(format!("camera: {controls}"));
+            self.report(format!("camera: {controls}"));
         }
     }
 
-    /// Tries until the camera is open again (true) or `stop` is set. Whether frames come then is another matter.
+    /// Retries until the camera is open again (true) or `stop` is set. It may still deliver no
+    /// frames.
     pub(super) fn wait(&mut self, source: &mut Source, stop: &AtomicBool) -> bool {
         while !stop.load(Ordering::Relaxed) {
             match source.resume() {
@@ -83,17 +86,17 @@ impl<'a> Outage<'a> {
         }
         let text = error.to_string();
         match &mut self.refusal {
-            Some((last, since, is_said)) if *last == text => {
-                if *is_said || since.elapsed() < PATIENCE {
+            Some((last, since, is_reported)) if *last == text => {
+                if *is_reported || since.elapsed() < REPORT_DELAY {
                     return;
                 }
-                *is_said = true;
+                *is_reported = true;
             }
             refusal => {
                 *refusal = Some((text, Instant::now(), false));
                 return;
             }
         }
-        self.tell(format!("still waiting: {text}"));
+        self.report(format!("still waiting: {text}"));
     }
 }

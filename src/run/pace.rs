@@ -1,16 +1,17 @@
-//! Whether a camera's frames are processed as fast as they come, to be said while it happens.
+//! Detects and reports during the run that a camera's frames are not processed as fast as they
+//! arrive.
 
 use std::time::{Duration, Instant};
 
 use imgproc::Size;
 
-/// The first look is after so long, the others one a minute.
+/// Time of the first check, and interval of the following ones.
 const FIRST_LOOK: Duration = Duration::from_secs(10);
 const PERIOD: Duration = Duration::from_secs(60);
-/// Fewer frames that are missed, of those that there were, are not worth a word.
+/// Minimum share of missed frames for a report.
 const SHARE_MIN: f64 = 0.05;
 
-/// Sizes to try instead, the largest first.
+/// Sizes to suggest, largest first.
 const SIZES: [(usize, usize); 9] = [
     (1920, 1080),
     (1600, 1200),
@@ -23,7 +24,7 @@ const SIZES: [(usize, usize); 9] = [
     (320, 240),
 ];
 
-/// Frames so far.
+/// Frame counts so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Totals {
     pub(super) captured: u64,
@@ -33,7 +34,7 @@ pub(super) struct Totals {
     pub(super) processed: u64,
 }
 
-/// What happened since the last look.
+/// Counts since the last check.
 #[derive(Debug)]
 pub(super) struct Pace {
     size: Size,
@@ -54,12 +55,12 @@ impl Pace {
         }
     }
 
-    /// A frame took so long.
+    /// Adds the processing time of a frame.
     pub(super) fn processed(&mut self, took: Duration) {
         self.busy += took;
     }
 
-    /// What to say at `now`, if it is time and frames were missed.
+    /// The message to report at `now`, if a check is due and frames were missed.
     pub(super) fn look(&mut self, totals: Totals, now: Instant) -> Option<String> {
         let elapsed = now.saturating_duration_since(self.since);
         if elapsed < self.period {
@@ -98,7 +99,7 @@ impl Pace {
         ))
     }
 
-    /// The largest usual size of the same shape that has at most this share of the pixels.
+    /// The largest common size with the same aspect ratio and at most this share of the pixels.
     fn smaller(&self, share: f64) -> Option<(usize, usize)> {
         let aspect = |width: usize, height: usize| width as f64 / height as f64;
         let own = aspect(self.size.width, self.size.height);
@@ -139,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_machine_is_told_what_to_try_once_a_minute() {
+    fn advice_for_a_slow_machine_is_given_once_a_minute() {
         let start = Instant::now();
         let mut pace = Pace::new(FULL_HD, start);
         let totals = Totals {
@@ -166,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_busy_machine_is_not_told_to_use_a_smaller_size() {
+    fn no_smaller_size_is_suggested_for_a_busy_machine() {
         let start = Instant::now();
         let mut pace = Pace::new(FULL_HD, start);
         (0..200).for_each(|_| pace.processed(Duration::from_millis(5)));
@@ -176,10 +177,10 @@ mod tests {
             lost_by_driver: 0,
             processed: 200,
         };
-        let said = pace.look(totals, start + seconds(10)).expect("said");
+        let message = pace.look(totals, start + seconds(10)).expect("a message");
         assert!(
-            said.ends_with("other programs keep this machine busy"),
-            "{said}"
+            message.ends_with("other programs keep this machine busy"),
+            "{message}"
         );
     }
 

@@ -1,4 +1,5 @@
-//! The process thread, which is the main one: frames through the pipeline, scenes to planners and to standard output.
+//! The process thread, which is the main thread: frames through the pipeline, scenes to planners
+//! and to standard output.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -24,55 +25,57 @@ use crate::run::slot::Slot;
 use crate::run::status::{Status, counted, is_broken_pipe};
 use crate::run::threads::POLL;
 
-/// What the process thread works with.
+/// State of the process thread.
 pub(super) struct ProcessStage<'a> {
     pub(super) live: bool,
     pub(super) setup: Setup,
     pub(super) publisher: Option<Publisher>,
     pub(super) sink: Sink,
     pub(super) status: Status,
-    /// What other threads have to say.
-    pub(super) said: &'a Receiver<String>,
+    /// Messages of other threads.
+    pub(super) messages: &'a Receiver<String>,
     pub(super) notify: Notify,
-    /// Set from outside when the floor is to be learned anew.
+    /// Set from outside to request that the floor is learned again.
     pub(super) relearn: &'a AtomicBool,
-    /// The floor is being learned anew.
+    /// The floor is being learned again.
     pub(super) relearning: bool,
-    /// The way to standard output, with `--json`.
+    /// The writer to standard output, with `--json`.
     pub(super) lines: Option<Lines>,
     pub(super) n_scenes: u64,
     pub(super) counts: FrameCounts,
-    /// Of the scene before.
+    /// Illumination of the previous scene.
     pub(super) light: u32,
-    /// What is published while a camera delivers nothing.
+    /// Scenes published while a camera delivers no frames.
     pub(super) heartbeat: Heartbeat,
-    /// Whether a camera's frames are followed.
+    /// Checks whether a camera's frames are processed fast enough.
     pub(super) pace: Pace,
     pub(super) counters: Arc<Counters>,
-    /// Every frame that capture will ever send has been received. Otherwise capture waits for a pipe that stays silent.
+    /// Every frame from capture has been received. Otherwise capture is blocked on a silent pipe.
     pub(super) capture_ended: bool,
     pub(super) damage: Damage,
 }
 
-/// Frames that no picture could be made of.
+/// Frames that could not be decoded.
 #[derive(Debug, Default)]
 pub(super) struct Damage {
     pub(super) count: u64,
-    /// Why that was so of the first one.
+    /// The error of the first one.
     first: Option<anyhow::Error>,
 }
 
-/// Most such frames that are told one by one.
-const TOLD_MAX: u64 = 10;
+/// Maximum number of such frames reported individually.
+const REPORTED_MAX: u64 = 10;
 
-/// After so many polls without a frame since the stop, capture waits for a pipe that stays silent.
+/// After this many polls without a frame since the stop, capture is considered blocked on a silent
+/// pipe.
 const SILENT_POLLS: u32 = 3;
 
 impl ProcessStage<'_> {
-    /// Processes frames until no more come. Frames that are left after an error are passed over, so that the books balance.
+    /// Processes frames until there are no more. Frames left after an error are skipped, so that
+    /// the counts balance.
     ///
-    /// A stop ends capture, and capture ends this: until then a frame may be on its way. Only a pipe may keep capture for
-    /// ever; it is not waited for then, and what it gives later belongs to no run.
+    /// A stop ends capture, which ends this: until then a frame may be on its way. Only a pipe can
+    /// block capture forever; then this does not wait, and later frames are not part of the run.
     pub(super) fn run(&mut self, frames: &Receiver<Slot>, stop: &AtomicBool) -> anyhow::Result<()> {
         let mut result = Ok(());
         let mut silent_polls = 0;
@@ -126,13 +129,13 @@ impl ProcessStage<'_> {
             result = Err(error);
         }
         match result.and(printed) {
-            // Whoever read our lines has seen enough.
+            // The reader of the lines has closed the pipe, which is not an error.
             Err(error) if is_broken_pipe(&error) => Ok(()),
             result => result,
         }
     }
 
-    /// From a camera, the newest frame there is; those before it are passed over.
+    /// From a camera, the newest available frame; older ones are skipped.
     fn newest(&mut self, mut slot: Slot, frames: &Receiver<Slot>) -> Slot {
         while self.live
             && let Ok(newer) = frames.try_recv()
@@ -176,11 +179,11 @@ impl ProcessStage<'_> {
         if let Some((seen, of)) = self.setup.pipeline.learning_progress() {
             self.status.learning("the empty floor", seen, of);
         }
-        self.look_after_relearning(slot.frame.sequence);
+        self.update_relearning(slot.frame.sequence);
         let mut result = Ok(());
         if outcome == Outcome::Scene {
             self.n_scenes += 1;
-            self.tell_light(&slot.scene);
+            self.report_light(&slot.scene);
             self.heartbeat.light(&slot.scene);
             result = self.deliver(&mut slot, stop);
             let since_exposure = monotonic_ns().saturating_sub(slot.frame.stamp_ns);
@@ -192,12 +195,12 @@ impl ProcessStage<'_> {
             self.status.frame(&slot.scene, latency);
         }
         self.sink.take(slot, &mut self.counts);
-        self.tell_pace(started);
+        self.report_pace(started);
         result
     }
 
-    /// Says when a camera is faster than this, while it is.
-    fn tell_pace(&mut self, started: Instant) {
+    /// Reports that a camera is faster than the processing, while it is.
+    fn report_pace(&mut self, started: Instant) {
         let now = Instant::now();
         self.pace.processed(now - started);
         let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
@@ -210,20 +213,20 @@ impl ProcessStage<'_> {
         if self.live
             && let Some(message) = self.pace.look(totals, now)
         {
-            self.status.say(&message);
+            self.status.report(&message);
         }
     }
 
     fn skip_damaged(&mut self, slot: Slot, error: DecodeError) {
         let sequence = slot.frame.sequence;
         self.damage.count += 1;
-        if self.damage.count <= TOLD_MAX {
+        if self.damage.count <= REPORTED_MAX {
             self.status
-                .say(&format!("frame {sequence} is passed over: {error}"));
+                .report(&format!("frame {sequence} is passed over: {error}"));
         }
-        if self.damage.count == TOLD_MAX {
+        if self.damage.count == REPORTED_MAX {
             self.status
-                .say("further such frames are counted at the end only");
+                .report("further such frames are counted at the end only");
         }
         if self.damage.first.is_none() {
             let source = &self.setup.provenance.source;
@@ -233,8 +236,8 @@ impl ProcessStage<'_> {
         self.skip(slot);
     }
 
-    /// Says when the light changes, goes out or comes back.
-    fn tell_light(&mut self, scene: &scene::Scene) {
+    /// Reports changes of illumination, darkness and its end.
+    fn report_light(&mut self, scene: &scene::Scene) {
         let before = std::mem::replace(&mut self.light, scene.light);
         let message = match (before, scene.light) {
             (scene::LIGHT_DARK, scene::LIGHT_DARK) => return,
@@ -246,16 +249,16 @@ impl ProcessStage<'_> {
             _ => return,
         };
         self.status
-            .say(&format!("frame {}: {message}", scene.sequence));
+            .report(&format!("frame {}: {message}", scene.sequence));
     }
 
-    /// Starts to learn the floor anew if that was asked for, and says when it is in use.
-    fn look_after_relearning(&mut self, sequence: u64) {
+    /// Starts to learn the floor again if requested, and reports when it is in use.
+    fn update_relearning(&mut self, sequence: u64) {
         let pipeline = &mut self.setup.pipeline;
         if self.relearning && !pipeline.is_learning() {
             self.relearning = false;
-            self.status.say(&format!(
-                "the empty floor was learned anew; it is used from frame {sequence} on"
+            self.status.report(&format!(
+                "the empty floor was learned again; it is used from frame {sequence} on"
             ));
         }
         if !self.relearn.swap(false, Ordering::Relaxed) {
@@ -263,18 +266,18 @@ impl ProcessStage<'_> {
         }
         if pipeline.is_learning() {
             self.status
-                .say("the empty floor is being learned already; that goes on");
+                .report("the empty floor is already being learned; learning continues");
             return;
         }
         pipeline.relearn();
         self.relearning = true;
-        self.status.say(&format!(
-            "learning the empty floor anew from the {} after frame {sequence}; the old one is used meanwhile",
+        self.status.report(&format!(
+            "learning the empty floor again from the {} after frame {sequence}; the old one is used meanwhile",
             counted(u64::from(self.setup.settings.learn), "frame")
         ));
     }
 
-    /// Hands the scene to planners and prints it.
+    /// Publishes the scene to planners and prints it.
     fn deliver(&mut self, slot: &mut Slot, stop: &AtomicBool) -> anyhow::Result<()> {
         slot.scene.clock = if self.live {
             scene::CLOCK_MONOTONIC
@@ -288,56 +291,56 @@ impl ProcessStage<'_> {
         if let Some(publisher) = &mut self.publisher
             && let Err(error) = publisher.send(scene)
         {
-            self.status.say(&error.to_string());
+            self.status.report(&error.to_string());
         }
         if let Some(lines) = &mut self.lines {
             lines
                 .print(stop, |line| json::write_line(scene, line))
                 .context("standard output")?;
             if let Some(message) = lines.report() {
-                self.status.say(&message);
+                self.status.report(&message);
             }
         }
         Ok(())
     }
 
-    /// Waits for the reader of standard output, if it reads, and says what it missed.
+    /// Waits for the reader of standard output, if it still reads, and reports what it missed.
     fn finish_lines(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         let Some(mut lines) = self.lines.take() else {
             return Ok(());
         };
         let n_missing = lines.finish(stop).context("standard output")?;
         if n_missing > 0 {
-            self.status.say(&format!(
+            self.status.report(&format!(
                 "standard output was not read in time: {n_missing} lines are missing"
             ));
         }
         Ok(())
     }
 
-    /// To be said when there were frames and no results.
+    /// Reported if there were frames and no results.
     pub(super) fn explain_silence(&self) {
-        self.status.say(&format!(
+        self.status.report(&format!(
             "no results: all {} went into learning the empty floor; learn from fewer with --learn N, \
              or give a picture of it with --background FILE",
             counted(self.counts.processed, "frame")
         ));
     }
 
-    /// Says what other threads have to say.
+    /// Reports the messages of other threads.
     fn pass_on(&self) {
-        self.said
+        self.messages
             .try_iter()
-            .for_each(|message| self.status.say(&message));
+            .for_each(|message| self.status.report(&message));
     }
 
-    /// What is to be done when no frame comes.
+    /// Called while no frame arrives.
     fn while_waiting(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         self.pass_on();
         if let Some(publisher) = &mut self.publisher
             && let Err(error) = publisher.serve_late_joiners()
         {
-            self.status.say(&error.to_string());
+            self.status.report(&error.to_string());
         }
         let is_lost = self.counters.is_waiting.load(Ordering::Acquire);
         if self.live
@@ -350,12 +353,12 @@ impl ProcessStage<'_> {
     }
 }
 
-/// Where slots go after processing.
+/// Destination of slots after processing.
 #[derive(Debug)]
 pub(super) enum Sink {
     /// Back to capture.
     Free(SyncSender<Slot>),
-    /// To the recorder, which gives them back; waiting for it only where no camera goes on meanwhile.
+    /// To the recorder, which returns them; waits for it only if the source is not a camera.
     Recorder {
         to_record: SyncSender<Slot>,
         to_capture: SyncSender<Slot>,
@@ -365,7 +368,7 @@ pub(super) enum Sink {
 }
 
 impl Sink {
-    /// Whether the next slot is to bring the floor that is in use.
+    /// Whether the next slot must contain the current background.
     fn wants_floor(&self, counts: &FrameCounts) -> bool {
         match self {
             Self::Free(_) => false,
@@ -373,7 +376,7 @@ impl Sink {
         }
     }
 
-    /// Passes a slot on and enters it in the books.
+    /// Passes a slot on and counts it.
     fn take(&self, slot: Slot, counts: &mut FrameCounts) {
         let (rejected, to_capture) = match self {
             Self::Free(to_capture) => {
@@ -401,7 +404,7 @@ impl Sink {
             }
         };
         if let Some(slot) = rejected {
-            // There is room for all slots; capture may have ended and wants none.
+            // The channel has room for all slots; capture may already have ended.
             drop(to_capture.try_send(slot));
         }
     }
@@ -416,13 +419,13 @@ mod tests {
     use clap::Parser;
     use std::sync::mpsc::sync_channel;
 
-    /// What a stopped stage makes of a frame that comes `late` polls after the stop, and then, if capture ends, of the end:
-    /// whether it saw capture end, and its books.
+    /// Result of a stopped stage for a frame that arrives `late` polls after the stop, optionally
+    /// followed by the end of capture: whether it saw capture end, and its counts.
     fn stopped_stage(live: bool, late: u32, capture_ends: bool) -> (bool, FrameCounts) {
         let Cli { run: args, .. } = Cli::parse_from(["overcam"]);
         let source = Source::open(&args.source.device, &args.source.request()).expect("the demo");
         let (to_capture, _free) = sync_channel(SLOTS);
-        let (_say, said) = std::sync::mpsc::channel();
+        let (_sender, messages) = std::sync::mpsc::channel();
         let (relearn, stop) = (AtomicBool::new(false), AtomicBool::new(true));
         let mut stage = ProcessStage {
             live,
@@ -430,7 +433,7 @@ mod tests {
             publisher: None,
             sink: Sink::Free(to_capture),
             status: Status::new(live),
-            said: &said,
+            messages: &messages,
             notify: Notify::from_environment(),
             relearn: &relearn,
             relearning: false,
@@ -464,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_comes_after_the_stop_is_in_the_books() {
+    fn a_frame_that_comes_after_the_stop_is_counted() {
         for live in [true, false] {
             for late in [0, 1, 2] {
                 let (capture_ended, counts) = stopped_stage(live, late, true);

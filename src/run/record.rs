@@ -1,4 +1,4 @@
-//! The record thread: slots into the recording, and back to capture.
+//! The record thread: writes slots to the recording and returns them to capture.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender};
@@ -9,23 +9,24 @@ use crate::run::slot::Slot;
 use crate::run::status::counted;
 use crate::run::threads::SLOTS;
 
-/// Frames' time after which it is said how large the recording grows.
+/// Recorded time after which the growth rate of the recording is reported.
 const MEASURED_NS: u64 = 10_000_000_000;
 
-/// What the record thread leaves.
+/// Result of the record thread.
 pub(super) struct Recording {
-    /// What the files hold.
+    /// Content of the files.
     pub(super) summary: Summary,
-    /// Where they are, for people to read.
+    /// Their paths, for messages.
     pub(super) files: String,
-    /// The first error, if there was one.
+    /// The first error, if any.
     pub(super) error: Option<RecordError>,
 }
 
-/// What the recorder wants of the process thread to begin a new file: the floor that is in use.
+/// Request of the recorder to the process thread for the current background, to start a new file.
 #[derive(Debug)]
 pub(super) struct FloorRequest {
-    /// Counted from the first slot that went to the recorder: the first that is to bring it.
+    /// Index of the first slot that must contain it, counted from the first slot sent to the
+    /// recorder.
     from_slot: AtomicU64,
 }
 
@@ -36,16 +37,17 @@ impl FloorRequest {
         }
     }
 
-    /// Whether the next slot, after so many, is to bring the floor.
+    /// Whether the slot after `n_slots` must contain the background.
     pub(super) fn holds(&self, n_slots: u64) -> bool {
         n_slots >= self.from_slot.load(Ordering::Relaxed)
     }
 
-    /// Wishes for it, or not any more, when slot number `slot` has come.
+    /// Sets or clears the request after slot number `slot` has arrived.
     fn set(&self, slot: u64, is_due: bool) {
-        let wished = self.from_slot.load(Ordering::Relaxed) != u64::MAX;
-        if is_due != wished {
-            // So late that no slot on its way is meant: then the same frame brings it each time the same input comes.
+        let is_requested = self.from_slot.load(Ordering::Relaxed) != u64::MAX;
+        if is_due != is_requested {
+            // Later than all slots on their way, so that for the same input always the same frame
+            // contains it.
             let from_slot = if is_due {
                 slot + SLOTS as u64 + 1
             } else {
@@ -56,14 +58,14 @@ impl FloorRequest {
     }
 }
 
-/// The record thread: writes slots as long as the files take them, and gives all of them back. What is to be said goes to `say`, as the
-/// process thread has the terminal.
+/// The record thread: writes slots as long as the files accept them, and returns all of them.
+/// Messages go to `messages`, since the process thread owns the terminal.
 pub(super) fn record(
     mut series: Series,
     queue: &Receiver<Slot>,
     to_capture: &SyncSender<Slot>,
     request: &FloorRequest,
-    say: &Sender<String>,
+    messages: &Sender<String>,
 ) -> Recording {
     let mut first_error = None;
     let mut stopped = false;
@@ -74,14 +76,15 @@ pub(super) fn record(
             match series.write(&mut slot) {
                 Ok(next_file) => {
                     let grown = growth.look(&series.written(), slot.frame.stamp_ns);
-                    let said = next_file.as_ref().map(next_file_text);
-                    for message in said.into_iter().chain(grown) {
-                        drop(say.send(message));
+                    let new_file = next_file.as_ref().map(next_file_text);
+                    for message in new_file.into_iter().chain(grown) {
+                        drop(messages.send(message));
                     }
                 }
-                // Said at once: whoever is there can make room, and the positions go on meanwhile.
+                // Reported immediately, so that the user can free space; positions continue
+                // meanwhile.
                 Err(error) => {
-                    drop(say.send(error.to_string()));
+                    drop(messages.send(error.to_string()));
                     stopped = error.is_final();
                     first_error.get_or_insert(error);
                 }
@@ -98,7 +101,7 @@ pub(super) fn record(
         Ok(summary) => (summary, first_error),
         Err(error) => {
             if !stopped {
-                drop(say.send(error.to_string()));
+                drop(messages.send(error.to_string()));
             }
             (written, first_error.or(Some(error)))
         }
@@ -120,12 +123,12 @@ fn next_file_text(next: &NextFile) -> String {
     )
 }
 
-/// How fast a recording grows.
+/// Growth rate of a recording.
 #[derive(Debug)]
 struct Growth {
     bytes_at_start: u64,
     first_stamp_ns: Option<u64>,
-    told: bool,
+    is_reported: bool,
 }
 
 impl Growth {
@@ -133,17 +136,17 @@ impl Growth {
         Self {
             bytes_at_start: start.bytes,
             first_stamp_ns: None,
-            told: false,
+            is_reported: false,
         }
     }
 
-    /// What is to be said of it, once.
+    /// The message about it, once.
     fn look(&mut self, written: &Summary, stamp_ns: u64) -> Option<String> {
         let since_ns = stamp_ns.saturating_sub(*self.first_stamp_ns.get_or_insert(stamp_ns));
-        if self.told || since_ns < MEASURED_NS {
+        if self.is_reported || since_ns < MEASURED_NS {
             return None;
         }
-        self.told = true;
+        self.is_reported = true;
         let bytes = written.bytes.saturating_sub(self.bytes_at_start) as f64;
         let megabytes = bytes / 1e6 * 60e9 / since_ns as f64;
         Some(format!("the recording takes {megabytes:.0} MB a minute"))

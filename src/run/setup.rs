@@ -1,4 +1,5 @@
-//! What a run works with: arguments, the recording that is replayed, and defaults, in this order.
+//! Setup of a run from arguments, the replayed recording, and defaults, in this order of
+//! precedence.
 
 use anyhow::{Context, bail};
 use imgproc::Size;
@@ -16,34 +17,34 @@ use crate::run::status::{counted, log};
 use crate::settings::{self, Settings};
 use crate::source::Source;
 
-/// A pipeline, and what it was made from.
+/// A pipeline, and the inputs it was made from.
 #[derive(Debug)]
 pub(crate) struct Setup {
     pub(crate) pipeline: Pipeline,
     /// For the recording.
     pub(crate) provenance: Provenance,
     pub(crate) settings: Settings,
-    /// About the calibration.
+    /// Remarks about the calibration.
     remarks: Vec<String>,
     region_share: Option<f64>,
     background: Background,
 }
 
-/// Where the empty floor comes from.
+/// Origin of the background.
 #[derive(Debug)]
 enum Background {
-    /// From the source, where it brings one; otherwise it is learned.
+    /// From the source, if it has one; otherwise learned.
     Source,
-    /// Learned, whatever the source brings.
+    /// Learned, even if the source has one.
     Learned,
-    /// Given, and not yet handed to the pipeline.
+    /// Given, but not yet passed to the pipeline.
     Given(BackgroundModel),
-    /// Given, and handed over.
+    /// Given, and passed on.
     InUse,
 }
 
 impl Setup {
-    /// Reads and checks everything that the arguments and the source name.
+    /// Reads and checks everything named by the arguments and the source.
     pub(crate) fn new(args: &RunArgs, source: &Source) -> anyhow::Result<Self> {
         let info = source.info();
         let recorded = source.provenance();
@@ -101,7 +102,7 @@ impl Setup {
         })
     }
 
-    /// In which frame scenes are ([`scene::Scene::frame`]).
+    /// Coordinate frame of the scenes ([`scene::Scene::frame`]).
     pub(crate) fn frame(&self) -> u32 {
         match self.provenance.floor_from_image {
             Some(_) => scene::FRAME_FLOOR,
@@ -109,7 +110,7 @@ impl Setup {
         }
     }
 
-    /// Decides whose background a slot brings to the pipeline.
+    /// Decides which background a slot passes to the pipeline.
     pub(crate) fn choose_background(&mut self, slot: &mut Slot) {
         self.background = match std::mem::replace(&mut self.background, Background::InUse) {
             Background::Source => Background::Source,
@@ -128,7 +129,7 @@ impl Setup {
         };
     }
 
-    /// Says on standard error what the run does and where its results are.
+    /// Logs what the run does and where its results go.
     pub(crate) fn announce(&self, args: &RunArgs, info: &SourceInfo) {
         let rate = info.rate_hz.map_or(String::new(), |rate| {
             format!(" at {} frames/s", (rate * 100.0).round() / 100.0)
@@ -185,7 +186,7 @@ impl Setup {
     }
 }
 
-/// The settings that the arguments, the recording that is replayed and the defaults give together.
+/// The settings from the arguments, the replayed recording and the defaults.
 pub(crate) fn settings_in_force(args: &RunArgs, source: &Source) -> anyhow::Result<Settings> {
     let name = || format!("{}: its settings", args.source.device);
     let recorded = match source.provenance() {
@@ -208,7 +209,7 @@ pub(crate) fn settings_in_force(args: &RunArgs, source: &Source) -> anyhow::Resu
     Ok(settings)
 }
 
-/// Refuses plates of which none can be read on this floor.
+/// Rejects a plate size that cannot be read anywhere on this floor.
 fn check_plate(
     plate_mm: f32,
     settings: &Settings,
@@ -223,7 +224,7 @@ fn check_plate(
     };
     let min = f64::from(settings.plate_min);
     let max = f64::from(settings.plate_max).min(size.width.min(size.height) as f64);
-    // Robots are higher than the floor, and their plates look larger.
+    // Robots are higher than the floor, so their plates look larger.
     let tolerance = f64::from(settings::PRINTED_SIZE_TOLERANCE);
     match calibration.plate_px(plate_mm, size) {
         Some((from, to)) if to * tolerance < min || from / tolerance > max => bail!(

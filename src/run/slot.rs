@@ -1,58 +1,61 @@
-//! What travels through the program with a frame, and what its source says of itself: plain data, known to everybody and
-//! knowing nobody.
+//! Plain data passed between the threads with each frame, and information about the source. Depends
+//! on no other part of the program.
 
 use imgproc::Size;
 
 use crate::background::model::BackgroundModel;
 use crate::image::frame::{Frame, PixelFormat};
 
-/// What a source says about its frames before the first one.
+/// Information about a source before its first frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
-    /// What a person would call it: the camera's name and node, a file's path, "demo floor".
+    /// Name for the user: the camera's name and node, a file's path, "demo floor".
     pub name: String,
     /// Size of every frame.
     pub size: Size,
     /// Layout of every frame.
     pub format: PixelFormat,
-    /// Frames per second, where the source states it.
+    /// Frames per second, if the source states it.
     pub rate_hz: Option<f64>,
-    /// Frames come whether or not somebody takes them: the newest one wins, and one that finds no room is dropped.
+    /// Frames arrive whether or not they are consumed: the newest one is used, and one without a
+    /// free slot is dropped.
     pub live: bool,
-    /// At what a camera's exposure, gain, white balance and focus are locked, and which are not, for people to read. A
-    /// recording has it from the camera that it was made with.
+    /// The locked values of a camera's exposure, gain, white balance and focus, and which are not
+    /// locked, as text. A recording has it from its camera.
     pub controls: Option<String>,
 }
 
-/// What [`Source::next`](crate::source::Source::next) found.
+/// Result of [`Source::next`](crate::source::Source::next).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Next {
     /// A frame; the slot is filled.
     Frame,
-    /// Nothing yet: look whether the program should stop, then ask again.
+    /// Nothing yet: check whether to stop, then call again.
     Nothing,
     /// No more frames.
     End,
 }
 
-/// What travels through the program with a frame.
+/// The data passed between the threads for each frame.
 #[derive(Debug)]
 pub struct Slot {
     /// The frame.
     pub frame: Frame,
-    /// The frame was captured but not processed, because a newer one was there or its bytes were no picture.
+    /// The frame was captured but not processed, because there was a newer one or it could not be
+    /// decoded.
     pub skipped: bool,
-    /// The empty floor that applies from this frame on, if it changes here. A source sets it where it knows
-    /// the floor (the demo, a recording), the pipeline sets it when it has learned one.
+    /// The background that applies from this frame on, if it changes here. A source sets it if it
+    /// knows the floor (the demo, a recording); the pipeline sets it after learning one.
     pub background: Option<BackgroundModel>,
-    /// The floor as it was kept true up to this frame, where the recorder has asked for it to begin a new file.
+    /// The background with all updates up to this frame, if the recorder has requested it to start
+    /// a new file.
     pub floor_in_use: Option<BackgroundModel>,
-    /// What was found in the frame.
+    /// Result of processing the frame.
     pub scene: Box<scene::Scene>,
 }
 
 impl Slot {
-    /// A slot without a frame, to be filled by a source.
+    /// An empty slot, to be filled by a source.
     #[must_use]
     pub fn empty() -> Self {
         Self {

@@ -1,9 +1,11 @@
-//! What a person sees of a running overcam on standard error: a line that says that it lives, and the line of an error.
+//! Output for the user on standard error: a status line and error lines.
 //!
-//! On a terminal the line is renewed every second in place, and is never wider than the terminal; elsewhere, in a log, a new one
-//! comes every ten seconds. A terminal that is called dumb, or whose user set `NO_COLOR`, gets what a log gets: no escape sequences.
+//! On a terminal the status line is updated in place every second and never wraps; in a log, a new
+//! one is written every ten seconds. A terminal of type dumb, or one whose user set `NO_COLOR`, is
+//! treated like a log: no escape sequences.
 //!
-//! Rate and latency are those of the results since the line before. What was stopped by Ctrl-Z counts neither as time nor as latency.
+//! Rate and latency are those of the results since the last line. Time suspended by Ctrl-Z counts
+//! neither as time nor as latency.
 
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
@@ -17,27 +19,27 @@ use signal_hook::consts::SIGCONT;
 
 const PERIOD_TERMINAL: Duration = Duration::from_secs(1);
 const PERIOD_LOG: Duration = Duration::from_secs(10);
-/// Between two lines that tell how far learning is.
+/// Interval of progress lines while learning.
 const LEARNING_PERIOD_TERMINAL: Duration = Duration::from_millis(200);
 const LEARNING_PERIOD_LOG: Duration = Duration::from_secs(5);
-/// Widest line, columns; also that of a terminal that does not tell its width.
+/// Maximum width of a line, in columns; also that of a terminal of unknown width.
 const COLUMNS_MAX: usize = 60;
 
-/// The line and what it sums up.
+/// The status line and its statistics.
 #[derive(Debug)]
 pub(crate) struct Status {
     terminal: bool,
     meter: Meter,
-    /// Set by a signal when the program goes on after Ctrl-Z.
+    /// Set by a signal when the program is resumed after Ctrl-Z.
     resumed: Arc<AtomicBool>,
-    /// When it was last told how far learning is.
-    learning_told: Option<Instant>,
-    /// What stands on the terminal now; empty: nothing.
+    /// Time of the last progress line while learning.
+    learning_shown: Option<Instant>,
+    /// Text currently shown on the terminal; may be empty.
     shown: String,
 }
 
 impl Status {
-    /// Nothing seen so far. `live` says that latencies count from the exposure.
+    /// Initially empty. With `live`, latencies count from the exposure.
     pub(crate) fn new(live: bool) -> Self {
         let resumed = Arc::new(AtomicBool::new(false));
         // Without the signal only the first line after Ctrl-Z is wrong.
@@ -54,54 +56,54 @@ impl Status {
                 },
             ),
             resumed,
-            learning_told: None,
+            learning_shown: None,
             shown: String::new(),
         }
     }
 
-    /// Counts a scene, and shows the line when it is due.
+    /// Counts a scene, and shows the line if it is due.
     pub(crate) fn frame(&mut self, scene: &Scene, latency: Duration) {
         let now = Instant::now();
-        self.look_after_resumption(now);
+        self.handle_resume(now);
         let Some(figures) = self.meter.add(now, latency) else {
             return;
         };
-        // The floor is being learned anew, which is told more often.
+        // The floor is being learned again, with more frequent lines.
         let is_learning = self
-            .learning_told
-            .is_some_and(|told| now - told < PERIOD_TERMINAL);
+            .learning_shown
+            .is_some_and(|at| now - at < PERIOD_TERMINAL);
         if !(self.terminal && is_learning) {
             self.show(text(scene, figures, self.columns()));
         }
     }
 
-    /// Tells how many frames `what` was learned from, of how many.
+    /// Shows the progress of learning `what`.
     pub(crate) fn learning(&mut self, what: &str, seen: u32, of: u32) {
         let now = Instant::now();
-        self.look_after_resumption(now);
+        self.handle_resume(now);
         let period = if self.terminal {
             LEARNING_PERIOD_TERMINAL
         } else {
             LEARNING_PERIOD_LOG
         };
-        let is_due = match self.learning_told {
-            Some(told) => now - told >= period,
-            // In a log, learning that is soon over is not worth a line.
+        let is_due = match self.learning_shown {
+            Some(at) => now - at >= period,
+            // A log gets no line if learning ends soon.
             None => self.terminal,
         };
         if is_due {
             let line = format!("overcam: learning {what}: {seen} of {of}");
             self.show(cut(line, self.columns()));
         }
-        if is_due || self.learning_told.is_none() {
-            self.learning_told = Some(now);
+        if is_due || self.learning_shown.is_none() {
+            self.learning_shown = Some(now);
         }
     }
 
-    fn look_after_resumption(&mut self, now: Instant) {
+    fn handle_resume(&mut self, now: Instant) {
         if self.resumed.swap(false, Ordering::Relaxed) {
             self.meter.restart(now);
-            // The shell has written over it.
+            // The shell has overwritten it.
             self.draw();
         }
     }
@@ -121,7 +123,7 @@ impl Status {
         }
     }
 
-    /// Width that a line may have.
+    /// Maximum width of a line.
     fn columns(&self) -> usize {
         let width = if self.terminal {
             rustix::termios::tcgetwinsize(std::io::stderr().as_fd()).map_or(0, |size| size.ws_col)
@@ -130,13 +132,13 @@ impl Status {
         };
         match usize::from(width) {
             0 => COLUMNS_MAX,
-            // In the last column some terminals wrap already.
+            // Some terminals wrap already in the last column.
             width => COLUMNS_MAX.min(width - 1),
         }
     }
 
-    /// Says something in a line of its own.
-    pub(crate) fn say(&self, message: &str) {
+    /// Writes a message on a line of its own.
+    pub(crate) fn report(&self, message: &str) {
         if self.shown.is_empty() {
             log(format_args!("overcam: {message}"));
         } else {
@@ -144,7 +146,7 @@ impl Status {
         }
     }
 
-    /// Takes the line off a terminal.
+    /// Removes the line from a terminal.
     pub(crate) fn clear(&mut self) {
         if !self.shown.is_empty() {
             put(format_args!("\r\x1b[K"));
@@ -153,13 +155,13 @@ impl Status {
     }
 }
 
-/// Whether a stream is a terminal on which text can be drawn over other text.
+/// Whether a stream is a terminal that supports redrawing.
 pub(crate) fn can_redraw(stream: &impl IsTerminal) -> bool {
     let term = std::env::var_os("TERM").unwrap_or_default();
     stream.is_terminal() && !term.is_empty() && term != "dumb"
 }
 
-/// Whether the user wants text without colours and the like: <https://no-color.org>.
+/// Whether the user disabled colours and the like: <https://no-color.org>.
 fn no_color() -> bool {
     std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
 }
@@ -175,14 +177,14 @@ pub(crate) fn counted(n: u64, what: &str) -> String {
 struct Meter {
     live: bool,
     period: Duration,
-    /// When the time began that the next figures are about: with a result, which itself does not count.
+    /// Start of the current interval: the time of a result, which itself does not count.
     since: Option<Instant>,
     resumed_at: Option<Instant>,
     frames: u32,
     latency: Duration,
 }
 
-/// What a line says of a time.
+/// Figures for one interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Figures {
     live: bool,
@@ -202,7 +204,7 @@ impl Meter {
         }
     }
 
-    /// The program was stopped and goes on.
+    /// The program was suspended and resumed.
     fn restart(&mut self, now: Instant) {
         *self = Self {
             resumed_at: Some(now),
@@ -210,9 +212,9 @@ impl Meter {
         };
     }
 
-    /// Counts a result; figures when they are due.
+    /// Counts a result; returns figures if they are due.
     fn add(&mut self, now: Instant, latency: Duration) -> Option<Figures> {
-        // Exposed before the program was stopped, or in work then.
+        // Exposed or in processing before the program was suspended.
         if self.resumed_at.is_some_and(|at| latency > now - at) {
             return None;
         }
@@ -240,7 +242,8 @@ impl Meter {
     }
 }
 
-/// The line, as much of it as fits: the latency's meaning goes first, then the program's name, then the frame's number.
+/// The line, shortened to fit: first without the explanation of the latency, then without the
+/// program's name, then without the frame number.
 fn text(scene: &Scene, figures: Figures, columns: usize) -> String {
     let objects = scene.objects();
     let markers = objects
@@ -274,7 +277,7 @@ fn text(scene: &Scene, figures: Figures, columns: usize) -> String {
     cut(fitting.unwrap_or(&lines[3]).clone(), columns)
 }
 
-/// The start of a line that fits.
+/// Truncates a line to fit.
 fn cut(mut line: String, columns: usize) -> String {
     if let Some((at, _)) = line.char_indices().nth(columns) {
         line.truncate(at);
@@ -282,7 +285,8 @@ fn cut(mut line: String, columns: usize) -> String {
     line
 }
 
-/// An error with its causes, in one line. Most errors name their cause in their own words; it is not repeated then.
+/// An error with its causes, in one line. Most errors already include their cause in the message;
+/// it is not repeated then.
 #[must_use]
 pub fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
@@ -296,7 +300,7 @@ pub fn one_line(error: &anyhow::Error) -> String {
     line
 }
 
-/// Whether the reader of standard output has gone: it has seen enough, and nothing failed.
+/// Whether the reader of standard output has closed it, which is not an error.
 #[must_use]
 pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
     let io = error
@@ -310,8 +314,8 @@ pub fn log(line: fmt::Arguments<'_>) {
     put(format_args!("{line}\n"));
 }
 
-/// A text that cannot be shown, because its reader has gone or the disk of a log is full, is no reason to stop: `eprint!` would
-/// panic.
+/// Errors are ignored: text that cannot be written, because its reader has gone or the disk of a
+/// log is full, is no reason to stop, while `eprint!` would panic.
 fn put(text: fmt::Arguments<'_>) {
     let _ = std::io::stderr().write_fmt(text);
 }
@@ -326,13 +330,13 @@ mod tests {
 
     #[test]
     fn an_error_names_each_cause_once() {
-        let says_all = anyhow!("no such file").context("a.png cannot be read: no such file");
-        assert_eq!(one_line(&says_all), "a.png cannot be read: no such file");
-        let says_part = anyhow!("no such file").context("a.png cannot be read");
-        assert_eq!(one_line(&says_part), "a.png cannot be read: no such file");
+        let complete = anyhow!("no such file").context("a.png cannot be read: no such file");
+        assert_eq!(one_line(&complete), "a.png cannot be read: no such file");
+        let partial = anyhow!("no such file").context("a.png cannot be read");
+        assert_eq!(one_line(&partial), "a.png cannot be read: no such file");
     }
 
-    /// Results at 25/s from a moment on; the last figures, and the moment after.
+    /// Results at 25/s from a point in time; returns the last figures, and the time after.
     fn second(meter: &mut Meter, mut now: Instant) -> (Option<Figures>, Instant) {
         let mut figures = None;
         for _ in 0..26 {
@@ -355,7 +359,7 @@ mod tests {
         // A minute of learning.
         let (figures, now) = second(&mut meter, start + Duration::from_secs(60));
         assert_25(figures);
-        // And later ones too.
+        // Also for later ones.
         let (figures, _) = second(&mut meter, now);
         assert_25(figures);
     }
@@ -367,7 +371,7 @@ mod tests {
         let (_, now) = second(&mut meter, Instant::now());
         let resumed = now + hour;
         meter.restart(resumed);
-        // What was under way when it was stopped.
+        // Results in processing when it was suspended.
         for n in 0..5 {
             let now = resumed + n * FRAME / 10;
             assert_eq!(meter.add(now, hour - n * FRAME), None);
@@ -404,7 +408,7 @@ mod tests {
         for columns in 0..100 {
             assert!(text(&scene, figures, columns).len() <= columns);
         }
-        // A marker's name may have any letters.
+        // A marker's name may contain any letters.
         assert_eq!(cut("λάμδα".to_owned(), 3), "λάμ");
     }
 }

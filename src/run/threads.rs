@@ -1,14 +1,15 @@
-//! What the wirings of the threads have in common.
+//! Constants shared by the threads.
 
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::Context;
 
-/// Slots in all. With 8, a slow process stage and a stalled recorder together lost frames; with 16 they lost none.
+/// Total number of slots. With 8, a slow process stage and a stalled recorder together lost frames;
+/// with 16 they lost none.
 pub(crate) const SLOTS: usize = 16;
 
-/// Longest wait before the stop flag and late subscribers are looked after.
+/// Maximum wait before checking the stop flag and late subscribers.
 pub(crate) const POLL: Duration = Duration::from_millis(100);
 
 pub(crate) fn spawn<T: Send + 'static>(

@@ -1,13 +1,16 @@
-//! From the labels of the pixels to the mask: opening, closing, and what the lens blurs (section 2.1.1 of the paper).
+//! From pixel labels to the mask: opening, closing, and removal of lens blur (section 2.1.1 of the
+//! paper).
 
 use imgproc::Size;
 use imgproc::labels::{BRIGHT, STRONG};
 use imgproc::morphology::{dilate_3x3, erode_3x3, open_3x3};
 
-/// Added to the 1 of an object's pixels: it differs strongly, and a 5x5 square of object is around it.
+/// Added to the 1 of an object pixel that differs strongly and is the centre of a 5x5 square of
+/// object pixels.
 const CORE: u8 = 2;
 
-/// Writes the mask: not 0 where an object is. `own` is the difference of each pixel alone; the two planes of `scratch` are overwritten.
+/// Writes the mask: non-zero for objects. `own` is the difference of each single pixel; the two
+/// planes of `scratch` are overwritten.
 pub(super) fn make_mask(
     labels: &[u8],
     own: &[u8],
@@ -18,8 +21,8 @@ pub(super) fn make_mask(
     for (mask, &label) in mask.iter_mut().zip(labels) {
         *mask = u8::from(label & !STRONG >= BRIGHT);
     }
-    // What is certain may be thinner than the opening leaves it: the rim of a small plate. Between it and the white there is a line
-    // as grey as the floor.
+    // A certain object may be too thin for the opening, for example the rim of a small plate.
+    // Between the rim and the white area there is a line as grey as the floor.
     open_3x3(mask, size, scratch);
     for (mask, &label) in mask.iter_mut().zip(labels) {
         *mask |= u8::from(label & STRONG != 0);
@@ -36,7 +39,7 @@ pub(super) fn make_mask(
     }
 }
 
-/// Closing by a 5x5 window: a robot in two colours has a line between them that is neither.
+/// Closing by a 5x5 window: between the two colours of a robot there is a line that has neither.
 fn close_gaps(mask: &mut Vec<u8>, size: Size, scratch: &mut Vec<u8>) {
     for step in [dilate_3x3, dilate_3x3, erode_3x3, erode_3x3] {
         step(mask, size, scratch);
@@ -44,8 +47,8 @@ fn close_gaps(mask: &mut Vec<u8>, size: Size, scratch: &mut Vec<u8>) {
     }
 }
 
-/// Takes away pixels at the border of the mask that differ by less than half of what their surroundings do: the lens blurs an
-/// object into the floor, and half-way is where its border is.
+/// Removes pixels at the border of the mask that differ by less than half of the difference of
+/// their surroundings: the lens blurs an object into the floor, and its border is half-way.
 fn strip_blur(mask: &mut [u8], own: &[u8], size: Size, scratch: &mut [u8]) {
     let Size { width, height } = size;
     scratch.copy_from_slice(mask);

@@ -1,19 +1,20 @@
-//! The shapes of a mask: each is followed once (section 2.1.2 of the paper), and everybody after that works with its contour.
+//! The shapes of a mask. Each contour is traced once (section 2.1.2 of the paper) and used by all
+//! later stages.
 
 use std::ops::Range;
 
 use imgproc::contour::{Removed, Span, follow_contour, next_shape, remove_shape, span_capacity};
 use imgproc::{Bounds, Point, Size};
 
-/// Most shapes of a frame; more are counted.
+/// Maximum number of shapes per frame; the excess is counted.
 pub(crate) const MAX_SHAPES: usize = scene::MAX_OBJECTS;
 
 /// One shape.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Shape<'a> {
-    /// Clockwise on the screen, from the first pixel in reading order.
+    /// Clockwise on the screen, starting with the first pixel in reading order.
     pub(crate) contour: &'a [Point],
-    /// The smallest rectangle around it.
+    /// The bounding rectangle.
     pub(crate) bounds: Bounds,
 }
 
@@ -22,30 +23,30 @@ pub(crate) struct Shape<'a> {
 pub(crate) struct Shapes {
     size: Size,
     kept: Vec<(Range<usize>, Bounds)>,
-    /// The contours of all that are kept, one after the other.
+    /// The contours of all kept shapes, concatenated.
     points: Vec<Point>,
     n_points: usize,
     overflow: u32,
     spans: Vec<Span>,
 }
 
-/// A shape that was found and may be kept.
+/// A shape that was found, before the decision to keep it.
 #[derive(Debug)]
 pub(super) struct Found {
     pub(super) start: Point,
     pub(super) removed: Removed,
-    /// Points of its contour, where there was room for them.
+    /// Points of its contour; `None` if they did not fit.
     contour: Option<Range<usize>>,
 }
 
-/// A search through a mask, which is used up by it.
+/// State of a search, which consumes its mask.
 #[derive(Debug)]
 pub(super) struct Search {
     from: usize,
 }
 
 impl Shapes {
-    /// Memory for the shapes of masks of a size.
+    /// Allocates for masks of one size.
     pub(super) fn new(size: Size) -> Self {
         Self {
             size,
@@ -57,7 +58,7 @@ impl Shapes {
         }
     }
 
-    /// The shapes that were kept.
+    /// The kept shapes.
     pub(crate) fn iter(&self) -> impl Iterator<Item = Shape<'_>> {
         self.kept.iter().map(|(contour, bounds)| Shape {
             contour: &self.points[contour.clone()],
@@ -65,12 +66,12 @@ impl Shapes {
         })
     }
 
-    /// How many shapes found no room, or had too long a contour: that is noise.
+    /// Number of shapes that did not fit, or whose contour was too long; those are noise.
     pub(crate) fn overflow(&self) -> u32 {
         self.overflow
     }
 
-    /// Forgets all shapes and begins to search.
+    /// Removes all shapes and starts a search.
     pub(super) fn search(&mut self) -> Search {
         self.clear();
         Search { from: 0 }
@@ -82,7 +83,7 @@ impl Shapes {
         self.overflow = 0;
     }
 
-    /// Takes the next shape out of the mask.
+    /// Removes the next shape from the mask and returns it.
     pub(super) fn next(&mut self, search: &mut Search, mask: &mut [u8]) -> Option<Found> {
         let start = next_shape(mask, self.size, search.from)?;
         search.from = usize::from(start.y) * self.size.width + usize::from(start.x);
@@ -96,12 +97,12 @@ impl Shapes {
         })
     }
 
-    /// The contour of the shape that was found last; `None` where it is too long.
+    /// The contour of the shape found last; `None` if it is too long.
     pub(super) fn contour(&self, found: &Found) -> Option<&[Point]> {
         found.contour.clone().map(|range| &self.points[range])
     }
 
-    /// Keeps the shape that was found last.
+    /// Keeps the shape found last.
     pub(super) fn keep(&mut self, found: Found) {
         match found.contour {
             Some(contour) if self.kept.len() < MAX_SHAPES => {
@@ -112,13 +113,14 @@ impl Shapes {
         }
     }
 
-    /// Takes a shape that was found in a copy out of the mask too.
+    /// Removes from `mask` a shape that was found in a copy of it.
     pub(super) fn remove(&mut self, found: &Found, mask: &mut [u8]) {
         remove_shape(mask, self.size, found.start, &mut self.spans);
     }
 }
 
-/// Points of the longest contour that is followed in a picture: eight times around it. Longer ones belong to noise.
+/// Maximum number of contour points: eight times the perimeter of the picture. Longer contours are
+/// noise.
 pub(crate) const fn longest_contour(size: Size) -> usize {
     16 * (size.width + size.height)
 }
@@ -132,7 +134,7 @@ mod tests {
         height: 4,
     };
 
-    /// All shapes of a mask drawn with `#`, at least so many pixels large.
+    /// All shapes of at least `area_min` pixels in a mask drawn with `#`.
     fn shapes(rows: [&str; 4], area_min: usize) -> Shapes {
         let mut mask: Vec<u8> = rows
             .iter()
@@ -156,7 +158,7 @@ mod tests {
             .iter()
             .map(|shape| (shape.contour.len(), shape.bounds.left, shape.bounds.bottom))
             .collect();
-        // A line of five is walked there and back.
+        // The contour of a line of five pixels runs there and back.
         assert_eq!(found, [(4, 0, 1), (4, 6, 1), (8, 2, 3)]);
         assert_eq!(shapes.overflow(), 0);
     }

@@ -1,29 +1,31 @@
-//! Whether the floor's texture shows where a picture differs in brightness: then it is the floor in another light.
+//! Tests whether the floor's texture is visible where the brightness differs: then it is floor
+//! under different illumination.
 
 use imgproc::Size;
 use imgproc::labels::{BLACK, BRIGHT, COLOURED, SHADE, STRONG};
 use imgproc::texture::{Textures, TexturesMut, Visibility, textures, visibility};
 
-/// The floor's texture is looked for at about this many places of a frame at most.
+/// Approximate maximum number of places per frame where the texture is tested.
 const PROBES_MAX: usize = 1500;
 
-/// Side of the largest square, pixels, that is judged by one probe.
+/// Maximum side of the square that one probe decides, pixels.
 const CELL_MAX: usize = 32;
 
-/// From this share of the floor's texture on, the floor is seen, in whatever light.
+/// From this share of the floor's texture on, the floor is visible, at any brightness.
 const FLOOR_SHOWS: f32 = 0.4;
 
-/// That the floor's texture is seen must be this sure, in standard deviations; more so where an object was in the frame before.
+/// Minimum significance of visible texture, in standard deviations; higher where there was an
+/// object in the previous frame.
 const SEEN_MIN: f32 = 3.5;
 const SEEN_LEAST_AFTER_OBJECT: f32 = 6.0;
 
-/// Below this share of the floor's texture something covers it. Compression takes texture away too.
+/// Below this share of the floor's texture, something covers it. Compression removes texture too.
 const FLOOR_HIDDEN: f32 = 0.2;
 
-/// In a shadow at least this share is seen, which must be so many standard deviations away.
+/// In a shadow, the minimum visible share, and its minimum significance in standard deviations.
 const SHADOW_SHOWS: (f32, f32) = (0.7, 4.0);
 
-/// Planes of textures.
+/// Texture planes.
 #[derive(Debug)]
 pub(super) struct TextureJudge {
     size: Size,
@@ -32,16 +34,16 @@ pub(super) struct TextureJudge {
     floor: Vec<i16>,
 }
 
-/// What is known of a frame besides its labels.
+/// Additional data about a frame, besides its labels.
 pub(super) struct Evidence<'a> {
-    /// Sums of the channels, of the frame and of the floor in the frame's light.
+    /// Sums of the channels: of the frame, and of the background under the frame's illumination.
     pub(super) level: &'a [u16],
     pub(super) floor_level: &'a [u16],
-    /// How much a pixel differs, see [`imgproc::labels::label_pixels`].
+    /// Difference of each pixel, see [`imgproc::labels::label_pixels`].
     pub(super) own: &'a [u8],
-    /// The mask of the frame before.
+    /// The mask of the previous frame.
     pub(super) previous: &'a [u8],
-    /// What `own` is at least where the difference is a strong one.
+    /// Minimum of `own` for a strong difference.
     pub(super) strong: u8,
 }
 
@@ -55,8 +57,9 @@ impl TextureJudge {
         }
     }
 
-    /// Light and shadow in which the floor's texture is seen are floor, whatever their brightness; a shadow in which it is not
-    /// seen is an object, and so is what differs only a little.
+    /// Relabels brighter and darker pixels as floor where the floor's texture is visible, at any
+    /// brightness. A shadow without visible texture is an object, and so is a pixel that differs
+    /// only a little.
     pub(super) fn judge(&mut self, labels: &mut [u8], evidence: &Evidence<'_>) {
         let Size { width, height } = self.size;
         let candidates = labels.iter().filter(|&&label| open(label)).count();
@@ -102,8 +105,8 @@ impl TextureJudge {
         }
     }
 
-    /// How much of the floor's texture is seen in a cell, in what is darker than the floor and in what is brighter: each is
-    /// judged by the candidate that is next to the middle.
+    /// Visible share of the floor's texture in a cell, separately for pixels darker and brighter
+    /// than the background. Each is tested at the candidate nearest to the middle of the cell.
     fn probe(&self, labels: &[u8], cell: &Cell) -> [Option<Visibility>; 2] {
         let mut nearest = [None::<(usize, (usize, usize))>; 2];
         for y in cell.top..cell.bottom {
@@ -143,12 +146,12 @@ struct Cell {
     middle: (usize, usize),
 }
 
-/// Whether texture may change a label.
+/// Whether a label may change because of texture.
 fn open(label: u8) -> bool {
     matches!(label & !STRONG, BRIGHT | BLACK | SHADE) || label == COLOURED
 }
 
-/// The label of pixel `i` once the floor's texture has been looked for.
+/// The label of pixel `i` after the texture test.
 fn relabel(
     i: usize,
     label: u8,
@@ -160,7 +163,7 @@ fn relabel(
         _ => SEEN_LEAST_AFTER_OBJECT,
     };
     match label & !STRONG {
-        // What is brighter may be white and bear a texture of its own.
+        // A brighter pixel may be white with a texture of its own.
         BRIGHT if brighter.is_some_and(|seen| shows(seen, 2.0 * seen_min)) => SHADE,
         BLACK if darker.is_some_and(|seen| shows(seen, seen_min)) => SHADE,
         SHADE if darker.is_some_and(hides) && evidence.own[i] >= evidence.strong => BLACK | STRONG,
@@ -170,7 +173,7 @@ fn relabel(
     }
 }
 
-/// Whether the floor is seen.
+/// Whether the floor is visible.
 fn shows(texture: Visibility, seen_min: f32) -> bool {
     texture.share > FLOOR_SHOWS && texture.seen > seen_min
 }

@@ -1,27 +1,33 @@
-//! Interlaced pictures that do not say so: both fields of an interlaced source in one frame, half a frame apart.
+//! Detects interlaced frames without a tag: both fields of an interlaced source in one frame, half
+//! a frame period apart.
 //!
-//! What stands still looks right. At the left and right edges of what moves, every other row is where the thing was half a frame
-//! later, so that rows alternate: a comb. Its teeth are pixels that are much brighter than their neighbours above and below, or much
-//! darker than both, while these two are alike, and so is the next pixel but one below; and only where the picture has changed since the frame before, since a floor may well have a
-//! grating as fine. Noise, textures and JPEG blocks make few of these pixels; a moving edge that is combed makes little else.
+//! Static parts look right. At the left and right edges of moving objects, every other row shows
+//! the object half a frame period later, so rows alternate: a comb. Its teeth are pixels that are
+//! much brighter than their neighbours above and below, or much darker than both, while these two
+//! are similar, and so is the next pixel but one below. They count only where the picture has
+//! changed since the previous frame, since a floor may have a grating just as fine. Noise, textures
+//! and JPEG blocks cause few of these pixels; a combed moving edge consists mostly of them.
 
 use imgproc::Size;
 
-/// Least difference of a row from its neighbours, in grey levels; and the most of these from each other.
+/// Minimum difference of a row from its neighbours, and maximum difference between these, in grey
+/// levels.
 const TOOTH: i32 = 24;
 const ALIKE: i32 = 12;
-/// Least change since the frame before.
+/// Minimum change since the previous frame.
 const CHANGE: i32 = 16;
-/// Fewest pixels that changed for a frame to say something.
+/// Minimum number of changed pixels for a frame to be judged.
 const CHANGED_MIN: u32 = 60;
-/// Of these, one in so many is the tooth of a comb if there are combs: of the rows of one field a quarter to a half.
+/// If there are combs, at least one in this many changed pixels is a tooth: a quarter to a half of
+/// the rows of one field.
 const TEETH_SHARE: u32 = 8;
-/// Frames with combs that prove it. One may come from a scratch on a tape, or from a cut.
+/// Number of frames with combs required as proof. A single one may come from a scratch on a tape,
+/// or from a cut.
 const PROOF: u32 = 3;
-/// Frames with enough motion after which nothing more is looked for.
+/// Number of judged frames after which the search ends.
 const JUDGED_MAX: u32 = 300;
 
-/// Looks for combs from frame to frame.
+/// Searches for combs, frame by frame.
 #[derive(Debug)]
 pub(crate) struct Combing {
     size: Size,
@@ -40,11 +46,11 @@ impl Combing {
         }
     }
 
-    /// Takes the luma of a frame; true when it is proven that the frames are combed.
+    /// Adds the luma of a frame; returns true if the frames are proven to be combed.
     ///
     /// # Panics
     ///
-    /// When the luma has not the size of all frames.
+    /// If the luma does not match the frame size.
     pub(crate) fn add(&mut self, luma: &[u8]) -> bool {
         assert_eq!(luma.len(), self.size.area(), "a frame has another size");
         if self.before.len() == luma.len() {
@@ -56,17 +62,17 @@ impl Combing {
         }
         self.before.clear();
         self.before.extend_from_slice(luma);
-        // Most of what was judged, too: an odd frame of a long stream proves nothing.
+        // Also the majority of the judged frames: a few odd frames of a long stream prove nothing.
         self.n_combed >= PROOF && 2 * self.n_combed > self.n_judged
     }
 
-    /// Whether enough was seen to stop looking.
+    /// Whether the search can stop.
     pub(crate) fn is_done(&self) -> bool {
         self.n_judged >= JUDGED_MAX
     }
 }
 
-/// Pixels that changed, and those of them that are teeth.
+/// Number of changed pixels, and number of teeth among them.
 fn count(before: &[u8], luma: &[u8], width: usize) -> (u32, u32) {
     let (mut changed, mut teeth) = (0, 0);
     let n_rows = luma.len() / width;
@@ -85,7 +91,7 @@ fn count(before: &[u8], luma: &[u8], width: usize) -> (u32, u32) {
             let is_tooth = stands_out(pixel, above, below)
                 && (above - below).abs() <= ALIKE
                 && (pixel - next).abs() <= ALIKE
-                // A grating of the floor was there before; the teeth of a comb move along.
+                // A grating of the floor was there before; the teeth of a comb move.
                 && !stands_out(old, old_above, old_below);
             teeth += u32::from(is_tooth);
         }
@@ -111,8 +117,8 @@ mod tests {
         height: 120,
     };
 
-    /// A floor with a fine grating and noise, and a bright square with a dark bar that moves over it; in every other row it is where
-    /// it is half a frame later, if the picture is interlaced.
+    /// A floor with a fine grating and noise, and a moving bright square with a dark bar. If the
+    /// picture is interlaced, every other row shows it half a frame period later.
     fn frame(number: i32, speed: f64, interlaced: bool) -> Vec<u8> {
         let mut state = 12_345_u32.wrapping_add(number as u32);
         (0..SIZE.area())

@@ -1,10 +1,12 @@
-//! The demo floor: a synthetic scene with exact truth, for a first look, for tests and for benches.
+//! The demo floor: a synthetic scene with exact ground truth, for a first look, for tests and for
+//! benchmarks.
 //!
-//! Robots with markers circle, drive to and fro, and stop and go; a target stands still; around them stand, and one rolls,
-//! things without markers, some of which tempt the recogniser: dark spots on bright ground. Everything is a function of the
-//! frame's number and a seed, so that any frame can be drawn without the ones before it and the truth is known for each.
+//! Robots with markers drive in circles, back and forth, and stop and go; a target stands still.
+//! Around them are objects without markers, one of them rolling, some of which resemble markers:
+//! dark spots on bright ground. Everything is a function of the frame number and a seed, so any
+//! frame can be drawn independently, with known ground truth.
 //!
-//! The module `render` draws it. The scene was laid out for 640 x 480 pixels; other sizes scale it.
+//! The module `render` draws it. The scene was designed for 640 x 480 pixels; other sizes scale it.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::time::{Duration, Instant};
@@ -22,18 +24,18 @@ use crate::source::render::{Appearance, Layer, Renderer};
 /// Frames per second.
 pub const RATE_HZ: f64 = 30.0;
 
-/// The size for which the scene was laid out.
+/// The size for which the scene was designed.
 pub const NATURAL_SIZE: Size = Size {
     width: 640,
     height: 480,
 };
 
-/// What really stands on the floor at the moment of a frame. Image coordinates, as in a scene.
+/// Ground truth for one object at the time of a frame, in image coordinates as in a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Truth {
     /// Name of the marker; `None` for an obstacle.
     pub marker: Option<&'static str>,
-    /// Centre of the plate, or of the obstacle's area, in pixels.
+    /// Centre of the plate, or centroid of the obstacle, in pixels.
     pub x: f64,
     /// See `x`.
     pub y: f64,
@@ -41,7 +43,7 @@ pub struct Truth {
     pub heading_rad: f64,
     /// Side of the plate in pixels; zero for an obstacle.
     pub plate_px: f64,
-    /// Radius of a circle around the centre that holds the whole object, in pixels.
+    /// Radius of a circle around the centre that contains the whole object, in pixels.
     pub radius_px: f64,
 }
 
@@ -54,7 +56,7 @@ pub struct Floor {
     renderer: Renderer,
 }
 
-/// One object: what it looks like and how it moves.
+/// One object: its appearance and motion.
 #[derive(Debug)]
 struct Actor {
     marker: Option<&'static str>,
@@ -64,31 +66,32 @@ struct Actor {
     appearance: Appearance,
 }
 
-/// Where an object is as a function of time. Pixels of [`NATURAL_SIZE`] and seconds.
+/// Position of an object as a function of time, in pixels of [`NATURAL_SIZE`] and seconds.
 #[derive(Debug, Clone, Copy)]
 enum Motion {
     /// Stands still.
     Parked { at: [f32; 2], heading_rad: f32 },
-    /// Drives around a centre; a negative period turns the other way.
+    /// Drives around a centre; a negative period reverses the direction.
     Circle {
         centre: [f32; 2],
         radius: f32,
         period_s: f32,
     },
-    /// Drives from one end to the other, turns on the spot, and drives back.
+    /// Drives from one end to the other, turns in place, and drives back.
     ToAndFro {
         from: [f32; 2],
         to: [f32; 2],
         drive_s: f32,
         turn_s: f32,
     },
-    /// Drives along the sides of a rectangle and pauses in the middle of each, turning at the corners.
+    /// Drives along the sides of a rectangle and pauses in the middle of each, turning at the
+    /// corners.
     StopAndGo {
         left_top: [f32; 2],
         right_bottom: [f32; 2],
         side_s: f32,
     },
-    /// Rolls to and fro along a line, slowing down at its ends, without turning.
+    /// Rolls back and forth along a line, slowing down at its ends, without rotating.
     Swing {
         from: [f32; 2],
         to: [f32; 2],
@@ -97,7 +100,7 @@ enum Motion {
 }
 
 impl Floor {
-    /// The scene in a size; `seed` decides the noise and the texture of the floor.
+    /// The scene in a given size; `seed` determines the noise and the texture of the floor.
     #[must_use]
     pub fn new(size: Size, seed: u64) -> Self {
         let scale = (size.width as f32 / NATURAL_SIZE.width as f32)
@@ -129,7 +132,7 @@ impl Floor {
         self.renderer.finish(sequence, &mut frame.bytes);
     }
 
-    /// What stands where in a frame.
+    /// Ground truth for a frame.
     pub fn truth(&self, sequence: u64) -> impl Iterator<Item = Truth> + '_ {
         let time_s = sequence as f32 / RATE_HZ as f32;
         self.actors.iter().map(move |actor| {
@@ -145,20 +148,20 @@ impl Floor {
         })
     }
 
-    /// The empty floor, as a camera without noise sees it in even light. The noise of its frames is unknown: what the median
-    /// leaves of it depends on the grain of the floor.
+    /// The empty floor, as seen by a camera without noise in uniform light. The noise of its frames
+    /// is unknown: the part that remains after the median depends on the grain of the floor.
     #[must_use]
     pub fn background(&self) -> model::BackgroundModel {
         model::BackgroundModel::from_picture(&self.renderer.background())
     }
 }
 
-/// Moment of a frame after the first one.
+/// Time of a frame since the first one.
 fn stamp_ns(sequence: u64) -> u64 {
     (sequence as f64 * 1e9 / RATE_HZ).round() as u64
 }
 
-/// The demo as a source of frames, at its own pace.
+/// The demo as a source of frames, in real time.
 #[derive(Debug)]
 pub struct Demo {
     floor: Floor,
@@ -167,7 +170,7 @@ pub struct Demo {
 }
 
 impl Demo {
-    /// The demo in a size.
+    /// The demo in a given size.
     #[must_use]
     pub fn new(size: Size) -> Self {
         Self {
@@ -177,7 +180,7 @@ impl Demo {
         }
     }
 
-    /// What it delivers.
+    /// Information about its frames.
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         SourceInfo {
@@ -190,7 +193,7 @@ impl Demo {
         }
     }
 
-    /// Draws the next frame and waits until it is due. The first one comes with the empty floor.
+    /// Draws the next frame and waits until it is due. The first one includes the background.
     pub fn next(&mut self, slot: &mut Slot) -> Next {
         self.floor.render(self.sequence, &mut slot.frame);
         slot.background = (self.sequence == 0).then(|| self.floor.background());
@@ -280,7 +283,7 @@ fn between(from: [f32; 2], to: [f32; 2], share: f32) -> [f32; 2] {
 const WHITE: [u8; 3] = [232, 232, 228];
 const BLACK: [u8; 3] = [28, 28, 30];
 
-/// The objects, in an order in which none hides another: they never meet.
+/// The objects. Their order does not matter, because they never overlap.
 fn actors() -> Vec<Actor> {
     let circle = |centre, radius, period_s| Motion::Circle {
         centre,
@@ -477,7 +480,7 @@ fn polygon(corners: usize, radius: f32) -> Vec<Vertex> {
         .collect()
 }
 
-/// A square with its corners cut off.
+/// A square with bevelled corners.
 fn rounded_square(side: f32) -> Vec<Vertex> {
     let (a, b) = (side / 2.0, side / 2.0 - side / 10.0);
     vec![

@@ -1,17 +1,20 @@
 //! A folder of PNG and JPEG files as a source.
 //!
-//! The files of a folder are taken in natural order of their names (`img2` before `img10`). What a file is, its first bytes
-//! say, not its name. JPEG files travel on as they are; of PNG files, grey ones become [`PixelFormat::Grey`](crate::image::frame::PixelFormat::Grey) frames and all
-//! others [`PixelFormat::Rgb`](crate::image::frame::PixelFormat::Rgb); 16 bits a sample are reduced to 8 and an alpha channel is dropped. Files of a folder may differ in
-//! format but not in size.
+//! The files are read in natural order of their names (`img2` before `img10`). The format is
+//! detected from the first bytes, not the name. JPEG files are passed on unchanged. Grey PNG files
+//! become [`PixelFormat::Grey`](crate::image::frame::PixelFormat::Grey) frames and all others
+//! [`PixelFormat::Rgb`](crate::image::frame::PixelFormat::Rgb); samples of 16 bits are reduced to 8
+//! and an alpha channel is dropped. Files may differ in format but not in size.
 //!
-//! How many of 16 bits are in use, a few pictures of the folder tell, from its first to its last: all are reduced alike.
+//! The number of bits in use, of 16, is estimated from a sample of the images; all are reduced by
+//! the same amount.
 //!
-//! A file that cannot be read is passed over, told and counted. It has its number and its moment all the same, as a frame that a
-//! camera lost.
+//! A file that cannot be decoded is skipped, reported and counted. It keeps its sequence number and
+//! time stamp, like a frame lost by a camera.
 //!
-//! Deliberately absent: the orientation in a JPEG file's Exif data. A ceiling camera's pictures are wanted as the sensor saw
-//! them, and a folder in which it differs from file to file would be no fixed camera.
+//! Deliberately absent: the orientation in a JPEG file's Exif data. Images of a ceiling camera are
+//! used as the sensor recorded them, and a folder with varying orientation is not from a fixed
+//! camera.
 
 use std::cmp::Ordering;
 use std::ffi::OsStr;
@@ -27,13 +30,13 @@ use crate::run::slot::{Next, SourceInfo};
 use crate::run::status::log;
 use crate::source::damaged::Damaged;
 
-/// Frames per second of a folder when the user states none. Pictures carry no clock, and stamps need one.
+/// Default frame rate of a folder. Images have no clock, but stamps need one.
 pub const DEFAULT_RATE_HZ: f64 = 30.0;
 
-/// Most pictures of a folder that are looked into to tell how many bits of 16 are in use.
+/// Maximum number of images examined for the number of bits in use.
 const DEPTH_SAMPLES: usize = 16;
 
-/// Why a folder of picture files cannot be used.
+/// Reasons to reject a folder of image files.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
     /// The folder cannot be listed.
@@ -41,32 +44,32 @@ pub enum FolderError {
     Folder {
         /// The folder.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The folder has no picture files.
+    /// The folder has no image files.
     #[error("{}: no pictures in this folder: it needs files ending in .png, .jpg or .jpeg", path.display())]
     NoPictures {
         /// The folder.
         path: PathBuf,
     },
-    /// A frame rate that gives no stamps.
+    /// A frame rate for which no stamps can be computed.
     #[error("a rate of {rate_hz} frames/s is not possible: it must be above 0")]
     Rate {
-        /// What was asked for.
+        /// The requested rate.
         rate_hz: f64,
     },
-    /// Several files, and not one of them can be read.
+    /// Several files, none of which can be decoded.
     #[error("{}: none of the {count} pictures in this folder can be read; the first: {first}", path.display())]
     NoneReadable {
         /// The folder.
         path: PathBuf,
-        /// Files in it.
+        /// Number of files.
         count: usize,
-        /// What is wrong with the first.
+        /// Error of the first.
         first: Box<PictureError>,
     },
-    /// A picture of another size than the folder's first.
+    /// The size of an image differs from that of the first.
     #[error(
         "{}: {}x{} pixels, but the folder's first picture has {}x{}: all must have one size",
         path.display(), found.width, found.height, expected.width, expected.height
@@ -74,39 +77,39 @@ pub enum FolderError {
     Size {
         /// The file.
         path: PathBuf,
-        /// Size of the first picture.
+        /// Size of the first image.
         expected: Size,
         /// Size of this one.
         found: Size,
     },
-    /// The only file cannot be read.
+    /// The only file cannot be decoded.
     #[error(transparent)]
     Picture(#[from] PictureError),
 }
 
-/// A folder of picture files.
+/// A folder of image files.
 #[derive(Debug)]
 pub struct Pictures {
     info: SourceInfo,
     rate_hz: f64,
-    /// In the order in which they are read.
+    /// In reading order.
     files: Vec<PathBuf>,
-    /// Number of the next file.
+    /// Index of the next file.
     next: usize,
     /// Bits in use of samples that have 16.
     n_bits: Option<u8>,
-    /// It was told that a picture has samples of more bits.
-    told_excess: bool,
+    /// An image with more bits in use has been reported.
+    reported_excess: bool,
     damaged: Damaged,
 }
 
 impl Pictures {
-    /// Lists a folder and reads its first picture that can be read, which sets the size of all. Stamps are counted from 0 at `rate_hz`
-    /// frames a second.
+    /// Lists a folder and reads its first valid image, which determines the size of all. Stamps
+    /// start at 0, at `rate_hz` frames per second.
     ///
     /// # Errors
     ///
-    /// [`FolderError`] when there is no picture, none can be read, or the rate is not above 0.
+    /// [`FolderError`] if there is no image, none can be decoded, or the rate is not above 0.
     pub fn open(folder: &Path, rate_hz: f64) -> Result<Self, FolderError> {
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
             return Err(FolderError::Rate { rate_hz });
@@ -157,33 +160,34 @@ impl Pictures {
             files,
             next: 0,
             n_bits,
-            told_excess: false,
+            reported_excess: false,
             damaged: Damaged::default(),
         })
     }
 
-    /// What is known of the pictures; the format is the first one's.
+    /// Information about the images; the format is that of the first one.
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         self.info.clone()
     }
 
-    /// Bits in use where samples have 16, by the folder's pictures; `None` where they have 8.
+    /// Number of bits in use in samples of 16 bits, according to the folder's images; `None` for 8
+    /// bits.
     pub(crate) fn n_bits(&self) -> Option<u8> {
         self.n_bits
     }
 
-    /// Files that could not be read so far.
+    /// Number of damaged files so far.
     #[must_use]
     pub fn n_damaged(&self) -> u64 {
         self.damaged.count
     }
 
-    /// Reads the next picture that can be read.
+    /// Reads the next valid image.
     ///
     /// # Errors
     ///
-    /// [`FolderError::Size`] when the picture has another size than the first.
+    /// [`FolderError::Size`] if the size of the image differs from that of the first.
     pub fn next(&mut self, frame: &mut Frame) -> Result<Next, FolderError> {
         while let Some(path) = self.files.get(self.next) {
             let number = self.next;
@@ -202,11 +206,11 @@ impl Pictures {
                     found: frame.size,
                 });
             }
-            if exceeds && !self.told_excess {
-                self.told_excess = true;
+            if exceeds && !self.reported_excess {
+                self.reported_excess = true;
                 log(format_args!(
-                    "overcam: {}: it has more bits a sample than the pictures by which their number was told; what is brighter \
-                     than they can be is taken as white",
+                    "overcam: {}: it uses more bits per sample than the pictures from which their number was determined; brighter \
+                     values become white",
                     path.display()
                 ));
             }
@@ -218,21 +222,21 @@ impl Pictures {
     }
 }
 
-/// Bits in use of the samples of a folder's pictures that have 16, by some of them from the first to the last.
+/// Number of bits in use in the 16-bit samples of a folder's images, from a sample of them.
 fn common_depth(files: &[PathBuf]) -> Option<u8> {
     let n_samples = files.len().min(DEPTH_SAMPLES);
     let chosen = (0..n_samples).map(|i| &files[i * (files.len() - 1) / (n_samples - 1).max(1)]);
     let depth = |path: &PathBuf| {
         let file = fs::read(path).ok()?;
-        // The header says it without decoding.
+        // The header contains the depth, so decoding is not needed.
         let is_deep = file.starts_with(png::SIGNATURE) && file.get(24) == Some(&16);
         is_deep.then(|| Png::read(&file).ok()?.n_bits())?
     };
     chosen.filter_map(depth).max()
 }
 
-/// The folder's picture files in natural order of their names. Hidden files are left out: some systems put a `._img1.png` that is
-/// no picture beside each `img1.png`.
+/// The folder's image files in natural order of their names. Hidden files are skipped: some systems
+/// create a `._img1.png` that is not an image for each `img1.png`.
 fn list(folder: &Path) -> Result<Vec<PathBuf>, FolderError> {
     let failed = |source| FolderError::Folder {
         path: folder.to_owned(),
@@ -260,7 +264,7 @@ fn file_name(path: &Path) -> &OsStr {
     path.file_name().unwrap_or_default()
 }
 
-/// Compares names as people count: runs of digits by their value, everything else byte by byte.
+/// Compares names in natural order: digit runs by value, everything else byte by byte.
 fn natural_order(mut a: &[u8], mut b: &[u8]) -> Ordering {
     fn split_digits(name: &[u8]) -> (&[u8], &[u8]) {
         let n = name.iter().take_while(|byte| byte.is_ascii_digit()).count();

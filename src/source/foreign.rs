@@ -1,12 +1,13 @@
-//! MCAP files that overcam did not write: which of their messages are images, and in which order and at which moments.
+//! MCAP files of other programs: which messages are images, their order and their times.
 //!
-//! Such a file says little that can be relied on. It may have no summary, or a wrong one; messages may stand in any order; the time
-//! at which a message was written is when it arrived, which network and buffers make jump. So the file is read twice. [`survey`]
-//! reads it from its start to its end and notes the times of all images; then [`Order`] gives back each image in its turn while
-//! the file is read for the second time.
+//! Little can be assumed about such a file. It may have no summary, or a wrong one; messages may be
+//! in any order; the log time of a message is its arrival time, with jitter from network and
+//! buffers. So the file is read twice. [`survey`] reads all of it and collects the times of all
+//! images; then [`Order`] returns the images in order of time during the second pass.
 //!
-//! An image's moment is the timestamp in it, or when it was written where the images have none. Clocks are set while they run: where
-//! the timestamps leave the times of writing by more than any delay, the clock stepped, and time goes on as those do.
+//! The time of an image is its own timestamp, or the log time if the images have none. Clocks may
+//! be set during a recording: where the difference between timestamps and log times exceeds any
+//! delay, the clock stepped, and the log times are used to bridge the step.
 //!
 //! Deliberately absent: ROS messages, and images as JSON.
 
@@ -19,35 +20,35 @@ use mcap::records::{Channel, Record};
 use crate::output::foxglove::image_message::{ImageSchema, image_schema, time_of_message};
 use crate::output::mcap::records::{Records, RecordsError};
 
-/// A timestamp that is earlier than the one before by more than this, though it was written later, shows a clock that was set. Less
-/// comes from messages that overtook each other.
+/// A timestamp that is earlier than the previous one by more than this, although logged later,
+/// indicates a clock step. Smaller differences come from reordered messages.
 const OVERTAKING_NS: i128 = 250_000_000;
-/// The same in times between two images, for slow cameras.
+/// The same in frame periods, for slow cameras.
 const OVERTAKING_PERIODS: i128 = 4;
-/// A timestamp that is further ahead of the one before than the time of writing, by more than this, shows a clock that was set.
+/// A timestamp that has advanced more than the log time, by more than this, indicates a clock step.
 const DELAY_NS: i128 = 10_000_000_000;
 
-/// Most images that are looked at to tell a clock that was set back from another order.
+/// Maximum number of images examined to distinguish a clock set back from reordering.
 const RUN_MAX: usize = 10_000;
 
-/// What one reading of a file finds.
+/// Result of the first pass over a file.
 #[derive(Debug, Default)]
 pub(crate) struct Survey {
     schemas: HashMap<u16, (String, String)>,
     pub(crate) channels: HashMap<u16, ForeignChannel>,
-    /// The images in the order of the file.
+    /// The images in file order.
     images: Vec<ImageTimes>,
 }
 
-/// A topic, and what its messages are.
+/// A topic and its message type.
 #[derive(Debug)]
 pub(crate) struct ForeignChannel {
     pub(crate) topic: String,
     /// Name of the message type.
     schema: String,
-    /// How the messages are written.
+    /// Encoding of the messages.
     encoding: String,
-    /// How they are read, if they are images that can be.
+    /// Image type, if the messages are images in a supported encoding.
     pub(crate) image: Option<ImageSchema>,
     n_messages: u64,
 }
@@ -55,7 +56,7 @@ pub(crate) struct ForeignChannel {
 #[derive(Debug, Clone, Copy)]
 struct ImageTimes {
     written_ns: u64,
-    /// The timestamp in the image: none, or what cannot be read.
+    /// The timestamp in the image; `None` if absent or unreadable.
     own: Option<u64>,
     is_readable: bool,
 }
@@ -71,17 +72,18 @@ impl std::fmt::Display for ForeignChannel {
     }
 }
 
-/// Reads all records, up to the end or to where the file is cut or damaged; the second reading gets there again.
+/// Reads all records, up to the end or to where the file is truncated or damaged; the second pass
+/// ends at the same place.
 ///
 /// # Errors
 ///
-/// What ended the reading, if no image was found before.
+/// The error that ended the pass, if no image was found before.
 pub(crate) fn survey<R: Read>(mut records: Records<R>) -> Result<Survey, RecordsError> {
     let mut survey = Survey::default();
     let result = loop {
         match records.next() {
             Ok(Some(record)) => match record.parse() {
-                // What follows is the summary.
+                // The summary follows.
                 Ok(Record::DataEnd(_)) => break Ok(()),
                 Ok(Record::Schema { header, .. }) => {
                     survey
@@ -113,7 +115,7 @@ impl Survey {
             .get(&channel.schema_id)
             .cloned()
             .unwrap_or_default();
-        // A message is written as its channel says; many leave that to the schema.
+        // The channel gives the encoding of messages; many leave it to the schema.
         let encoding = match channel.message_encoding.as_str() {
             "" => schema_encoding.clone(),
             stated => stated.to_owned(),
@@ -142,7 +144,7 @@ impl Survey {
         });
     }
 
-    /// All channels, for people to read.
+    /// All channels, as text.
     pub(crate) fn topics(&self) -> String {
         let mut topics: Vec<String> = self.channels.values().map(ToString::to_string).collect();
         topics.sort_unstable();
@@ -153,7 +155,7 @@ impl Survey {
         topics.join(", ")
     }
 
-    /// The topics that have images.
+    /// The topics with images.
     pub(crate) fn image_topics(&self) -> Vec<&str> {
         let with_images = self
             .channels
@@ -165,7 +167,7 @@ impl Survey {
         topics
     }
 
-    /// The order of the images of a file with one image topic, and where its clocks were set.
+    /// The order of the images of a file with one image topic, and its clock steps.
     pub(crate) fn order(&self) -> (Order, Vec<ClockStep>) {
         let (written, mut steps) = straightened(&self.images);
         let mut by_writing: Vec<usize> = (0..written.len()).collect();
@@ -182,7 +184,7 @@ impl Survey {
             turns[i] = turn;
         }
         let first = order.first().map_or(0, |&i| moments[i]);
-        // 128 bits hold the sum of all that 64 can say in any file; of what a file says, 64 may.
+        // 128 bits hold any sum of 64-bit values in a file; the result must fit 64 bits.
         let stamp_ns = |&i: &usize| u64::try_from(moments[i] - first).unwrap_or(u64::MAX);
         let stamps_ns = order.iter().map(stamp_ns).collect();
         let order = Order {
@@ -196,7 +198,7 @@ impl Survey {
         (order, steps)
     }
 
-    /// Whether the images carry moments: all do, and not all the same.
+    /// Whether the images have timestamps: all of them, and not all equal.
     fn has_timestamps(&self) -> bool {
         let mut own = self
             .images
@@ -208,8 +210,8 @@ impl Survey {
         !all_alike && own.all(|own| own.is_some_and(|own| own > 0))
     }
 
-    /// The moments by the timestamps, in the order of the file, with every clock step taken out. `by_writing` orders the images by
-    /// when they were written.
+    /// Times from the timestamps, in file order, with all clock steps removed. `by_writing` is the
+    /// order of the images by log time.
     fn moments(
         &self,
         written: &[i128],
@@ -225,11 +227,11 @@ impl Survey {
         let of_writer: HashSet<usize> = steps.iter().map(|step| step.image).collect();
         let mut moments = written.to_vec();
         let mut offset = 0;
-        // Timestamp, time of writing and moment of the newest image with a timestamp.
+        // Timestamp, log time and resulting time of the newest image with a timestamp.
         let mut newest: Option<(i128, i128, i128)> = None;
         for &i in by_writing {
             let Some(stamp) = own(i) else {
-                // An image that cannot be read has a turn, too.
+                // An image that cannot be decoded also needs a time.
                 moments[i] = newest.map_or(written[i], |(_, before, moment)| {
                     moment + (written[i] - before)
                 });
@@ -237,7 +239,7 @@ impl Survey {
             };
             if let Some((stamp_before, written_before, _)) = newest {
                 let (elapsed, written_apart) = (stamp - stamp_before, written[i] - written_before);
-                // The writer may have the clock of the camera.
+                // Writer and camera may share a clock.
                 let is_known = of_writer.contains(&i);
                 if elapsed < -overtaking
                     || elapsed > written_apart + DELAY_NS
@@ -262,18 +264,18 @@ impl Survey {
     }
 }
 
-/// A clock that was set while the file was written.
+/// A clock step during the recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ClockStep {
-    /// The first image after it, by its place in the file.
+    /// The first image after it, by position in the file.
     pub(crate) image: usize,
     pub(crate) step_ns: i128,
 }
 
-/// The times of writing, with every step of the writer's clock backwards taken out.
+/// The log times, with all backward steps of the writer's clock removed.
 ///
-/// Going backwards alone is no step: messages may stand in any order. But then they fill gaps; what is written after a clock was set
-/// back lies among what was written before.
+/// A decrease alone is not a step: messages may be in any order. But reordered messages fill gaps,
+/// while those logged after a clock was set back lie between those logged before.
 fn straightened(images: &[ImageTimes]) -> (Vec<i128>, Vec<ClockStep>) {
     let raw: Vec<i128> = images
         .iter()
@@ -299,7 +301,7 @@ fn straightened(images: &[ImageTimes]) -> (Vec<i128>, Vec<ClockStep>) {
             i += 1;
             continue;
         }
-        // All that is earlier than what came before it.
+        // All that are earlier than what precedes them.
         let n_earlier = raw[i..]
             .iter()
             .take(RUN_MAX)
@@ -340,24 +342,24 @@ fn median(mut values: Vec<i128>) -> i128 {
     *values.select_nth_unstable(middle).1
 }
 
-/// Gives images, which come in the order of the file, in the order of their moments.
+/// Reorders images from file order to time order.
 #[derive(Debug)]
 pub(crate) struct Order {
-    /// By place in the file.
+    /// Indexed by position in the file.
     turns: Vec<usize>,
-    /// By turn, counted from the first.
+    /// Indexed by turn, counted from the first.
     stamps_ns: Vec<u64>,
     n_read: usize,
-    /// Turn that is next.
+    /// The next turn.
     next: usize,
-    /// By turn.
+    /// Keyed by turn.
     waiting: BTreeMap<usize, (ImageSchema, Bytes)>,
     waiting_bytes: usize,
 }
 
-/// An image whose turn it is.
+/// An image whose turn has come.
 pub(crate) struct Due {
-    /// Its number, from 0.
+    /// Its sequence number, from 0.
     pub(crate) number: u64,
     pub(crate) stamp_ns: u64,
     pub(crate) schema: ImageSchema,
@@ -365,7 +367,7 @@ pub(crate) struct Due {
 }
 
 impl Order {
-    /// Takes the next image of the file. One that was not there at the first reading is left out.
+    /// Adds the next image of the file. Images that were not found in the first pass are dropped.
     pub(crate) fn add(&mut self, schema: ImageSchema, message: Bytes) {
         if let Some(&turn) = self.turns.get(self.n_read) {
             self.waiting_bytes += message.len();
@@ -374,7 +376,7 @@ impl Order {
         }
     }
 
-    /// The next image in time, if it has been read.
+    /// The next image in time order, if it has been read.
     pub(crate) fn due(&mut self) -> Option<Due> {
         let (schema, message) = self.waiting.remove(&self.next)?;
         let turn = self.next;
@@ -388,7 +390,7 @@ impl Order {
         })
     }
 
-    /// Bytes of the images that wait for an earlier one.
+    /// Number of bytes of images waiting for an earlier one.
     pub(crate) fn waiting_bytes(&self) -> usize {
         self.waiting_bytes
     }
@@ -412,7 +414,8 @@ mod tests {
         }
     }
 
-    /// Places in the file and stamps in milliseconds, in order of time; and the steps in milliseconds.
+    /// Positions in the file and stamps in milliseconds, in time order; and the steps in
+    /// milliseconds.
     type Ordered = (Vec<(usize, u64)>, Vec<(usize, i64)>);
 
     fn ordered(times: &[(u64, Option<u64>)]) -> Ordered {
@@ -479,11 +482,12 @@ mod tests {
         for step in [-3_600_000, -1_000, 3_600_000] {
             let stepped =
                 |i: u64| (10_000_000 + 40 * i as i64 + if i < 10 { 0 } else { step }) as u64;
-            // The camera's clock alone.
+            // Only the camera's clock.
             let times: Vec<_> = (0..20).map(|i| (5000 + 40 * i, Some(stepped(i)))).collect();
             assert_eq!(ordered(&times), (expected.clone(), vec![(10, step)]));
         }
-        // The one clock of a machine that is both camera and writer. Forward, nothing tells it from a pause.
+        // A single clock for camera and writer. A forward step cannot be distinguished from a
+        // pause.
         let stepped = |i: u64| 10_000_000 + 40 * i - if i < 10 { 0 } else { 240 };
         let times: Vec<_> = (0..20).map(|i| (stepped(i), Some(stepped(i)))).collect();
         let (places, steps) = ordered(&times);

@@ -1,15 +1,16 @@
-//! What a path leads to: by what the system says it is, and by a file's first bytes. Names say nothing: a camera's stable name ends in
-//! `1.0-video-index0`, a link may have any, and whoever renames a file does not convert it.
+//! Determines the kind of a path, from its file type and its first bytes. Names are not used: a
+//! camera's stable name ends in `1.0-video-index0`, a link may have any name, and renaming a file
+//! does not convert it.
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// Bytes of a file that are looked at.
+/// Number of bytes examined.
 const FIRST_BYTES: u64 = 512;
 
-/// What a source is opened as.
+/// Kinds of sources.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// A character device, which may be a camera.
@@ -17,13 +18,13 @@ pub(super) enum Kind {
     Folder,
     Recording,
     Y4m,
-    /// What it holds is not known before it is read.
+    /// Its content is unknown until it is read.
     Pipe,
-    /// No source: what it is and what to do with it.
+    /// Not a source: what it is and what to do with it.
     Other(String),
 }
 
-/// Follows links and looks at what is there. A pipe is not opened.
+/// Follows links and examines the target. A pipe is not opened.
 pub(super) fn of(path: &Path) -> io::Result<Kind> {
     let file_type = path.metadata()?.file_type();
     if file_type.is_char_device() {
@@ -49,7 +50,7 @@ pub(super) fn of(path: &Path) -> io::Result<Kind> {
 const SOURCES: &str =
     "give a camera, an MCAP or Y4M file, a folder of pictures, or - for Y4M on standard input";
 
-/// A kind of file: how it is called, where bytes of it are, and which.
+/// A file signature: name of the format, byte offset, and bytes.
 type Signature = (&'static str, usize, &'static [u8]);
 
 const VIDEOS: [Signature; 14] = [
@@ -91,7 +92,7 @@ fn of_file(first: &[u8], extension: Option<&str>, path: &Path) -> Kind {
     };
     let magic = &first[..first.len().min(mcap::MAGIC.len())];
     match extension {
-        // Of these it is said why they cannot be read, even if nothing is in them.
+        // For these, the reader reports why they cannot be read, even if they are empty.
         Some("mcap") if mcap::MAGIC.starts_with(magic) => return Kind::Recording,
         Some("y4m") if first.is_empty() => return Kind::Y4m,
         _ if first.is_empty() => {
@@ -106,7 +107,7 @@ fn of_file(first: &[u8], extension: Option<&str>, path: &Path) -> Kind {
         return Kind::Y4m;
     }
     let path = path.display();
-    // Transport streams have a byte that says little, but every 188 bytes.
+    // Transport streams have only a sync byte, but every 188 bytes.
     let is_transport = first.iter().step_by(188).take(3).all(|&byte| byte == 0x47);
     let video = name_of(&VIDEOS).or((is_transport && first.len() > 376).then_some("an MPEG video"));
     if let Some(name) = video {

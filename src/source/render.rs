@@ -1,7 +1,9 @@
-//! Draws the demo floor as a camera would see it: texture, soft shadows, a lens's blur, slowly changing light, sensor noise.
+//! Renders the demo floor as a camera would see it: texture, soft shadows, lens blur, slowly
+//! changing light, sensor noise.
 //!
-//! A frame is drawn in floating point from the floor upwards: shadows darken it, layers cover it with coverage that is exact to
-//! the pixel and blurred, the light scales all of it, and the sensor adds noise that grows with the square root of the signal.
+//! A frame is rendered in floating point from bottom to top: shadows darken the floor, layers are
+//! composited with exact sub-pixel coverage and blurred, the light scales everything, and the
+//! sensor adds noise that grows with the square root of the signal.
 
 use std::f32::consts::TAU;
 
@@ -11,25 +13,26 @@ use crate::geometry::raster::{Vertex, blur, fill_polygon};
 use crate::image::frame::Picture;
 use crate::marker::reference::placed;
 
-/// Blur of the lens, standard deviation in pixels.
+/// Lens blur, standard deviation in pixels.
 const LENS_BLUR_PX: f32 = 0.6;
 
-/// Noise of the sensor at mid grey, standard deviation in grey levels.
+/// Sensor noise at mid grey, standard deviation in grey levels.
 const NOISE: f32 = 2.5;
 
-/// Length of the table of noise: rows start at different places in it.
+/// Length of the noise table: rows start at different positions in it.
 const NOISE_TABLE: usize = 1 << 16;
 
-/// Largest change of the light, as a share, and how long one swing takes.
+/// Maximum change of the light, as a share, and its period.
 const LIGHT_DRIFT: f32 = 0.04;
 const LIGHT_PERIOD_S: f32 = 40.0;
 
-/// Shadows: how much light is left in their middle, how far they fall, and how blurred they are, in pixels.
+/// Shadows: remaining share of light at their centre, offset, and blur in pixels.
 const SHADOW_LIGHT: f32 = 0.68;
 const SHADOW_OFFSET_PX: [f32; 2] = [5.0, 4.0];
 const SHADOW_BLUR_PX: f32 = 2.0;
 
-/// What an object looks like from above: layers from the bottom up, in pixels around its centre, pointing up.
+/// Appearance of an object from above: layers from bottom to top, in pixels around its centre,
+/// heading up.
 #[derive(Debug)]
 pub(crate) struct Appearance {
     pub(crate) layers: Vec<Layer>,
@@ -42,7 +45,7 @@ pub(crate) struct Layer {
     pub(crate) colour: [u8; 3],
 }
 
-/// The floor and the frame that is being drawn.
+/// The floor and the current frame.
 #[derive(Debug)]
 pub(crate) struct Renderer {
     size: Size,
@@ -72,7 +75,7 @@ impl Renderer {
         }
     }
 
-    /// Starts a frame: the empty floor, in the light of the moment.
+    /// Starts a frame with the empty floor, under the current light.
     pub(crate) fn begin(&mut self, time_s: f32) {
         for (canvas, floor) in self.canvas.iter_mut().zip(&self.floor) {
             canvas.copy_from_slice(floor);
@@ -91,7 +94,7 @@ impl Renderer {
         }
     }
 
-    /// Darkens the floor beside an object.
+    /// Darkens the floor next to an object.
     fn shadow(&mut self, outline: &[Vertex], scale: f32) {
         let [dx, dy] = SHADOW_OFFSET_PX.map(|offset| offset * scale);
         let moved: Vec<Vertex> = outline.iter().map(|[x, y]| [x + dx, y + dy]).collect();
@@ -117,7 +120,8 @@ impl Renderer {
         }
     }
 
-    /// Leaves in `self.coverage` how much of each pixel a polygon covers, blurred, and returns the rectangle that this is.
+    /// Writes the blurred coverage of each pixel by a polygon to `self.coverage`, and returns its
+    /// bounding rectangle.
     fn coverage_of(&mut self, polygon: &[Vertex], blur_px: f32) -> Option<Area> {
         let margin = 1.0 + 3.0 * blur_px;
         let low = |axis: usize| {
@@ -150,7 +154,7 @@ impl Renderer {
         Some(area)
     }
 
-    /// The pixels of a rectangle that lie in the picture.
+    /// The part of a rectangle inside the picture.
     fn area(&self, low: Vertex, high: Vertex) -> Option<Area> {
         let pixel = |c: f32, end: usize| (c.round().max(0.0) as usize).min(end);
         let (left, top) = (
@@ -168,7 +172,7 @@ impl Renderer {
         (size.area() > 0).then_some(Area { left, top, size })
     }
 
-    /// Ends a frame: light, noise, 8 bits; red, green and blue of a pixel follow each other.
+    /// Finishes a frame: light, noise, quantisation to 8 bits; red, green and blue are interleaved.
     pub(crate) fn finish(&self, sequence: u64, bytes: &mut Vec<u8>) {
         bytes.resize(3 * self.size.area(), 0);
         let mut random = Random(self.seed ^ sequence.wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -209,7 +213,7 @@ struct Area {
 }
 
 impl Area {
-    /// Calls `change` with each pixel of the rectangle in a plane and with how much of it is covered.
+    /// Calls `change` with each pixel of the rectangle in a plane and its coverage.
     fn for_each_pixel(
         &self,
         plane: &mut [f32],
@@ -250,7 +254,7 @@ fn floor(size: Size, seed: u64) -> [Vec<f32>; 3] {
     })
 }
 
-/// A small generator of random numbers (splitmix64: Steele, Lea and Flood 2014).
+/// A small random number generator (splitmix64: Steele, Lea and Flood 2014).
 #[derive(Debug)]
 struct Random(u64);
 
@@ -263,7 +267,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Standard normal, by the transform of Box and Muller.
+    /// Standard normal, by the Box-Muller transform.
     fn gaussian(&mut self) -> f32 {
         let unit = |bits: u64| ((bits >> 40) as f32 + 0.5) / (1u64 << 24) as f32;
         let (u, v) = (unit(self.next()), unit(self.next()));

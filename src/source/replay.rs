@@ -1,18 +1,19 @@
 //! Replay: the frames of a recording, exactly as they were captured.
 //!
-//! A recording is read from its start to its end in bounded memory (a chunk and a frame), so that its length does not matter,
-//! and it needs no index: one whose writer was killed replays up to its last whole chunk and then says so.
+//! A recording is read sequentially in bounded memory (a chunk and a frame), so its length does not
+//! matter. No index is needed: if the writer was killed, the recording is replayed up to the last
+//! complete chunk, and then the truncation is reported.
 //!
-//! What is restored: the bytes, layout and colour range of each frame as they were stored, its number, its time stamp to the
-//! nanosecond, whether it was passed over, and the empty floor where it changes. With
-//! [`Provenance`] that is all on which results depend. Results themselves are not read back:
-//! they are computed again.
+//! Restored for each frame: bytes, layout and colour range as stored, sequence number, time stamp
+//! to the nanosecond, whether it was skipped, and the background where it changes. Together with
+//! [`Provenance`] that is all that results depend on. Results are not read back but computed again.
 //!
-//! A file that overcam did not write is played too if exactly one of its topics holds Foxglove images. Its time stamps count
-//! from its first image, its frames from 0; `foreign` says what is made of its times.
+//! A file of another program is played too if exactly one of its topics has Foxglove images. Its
+//! time stamps count from its first image, its frames from 0; for its times see `foreign`.
 //!
-//! An image that cannot be read is passed over, told and counted, as a frame that a camera lost. JPEG pictures of overcam's own
-//! recordings are not looked into here: each that gave a result when it was recorded gives it again.
+//! An image that cannot be decoded is skipped, reported and counted, like a frame lost by a camera.
+//! JPEG images of overcam's own recordings are not checked here: each one that gave a result when
+//! it was recorded gives it again.
 //!
 //! Deliberately absent: seeking, other speeds, and other message types (ROS).
 
@@ -43,23 +44,23 @@ use crate::source::foreign::{ClockStep, Order, survey};
 
 use imgproc::Size;
 
-/// Most bytes of images that may wait for one that belongs before them.
+/// Maximum number of bytes of images waiting for an earlier one.
 const WAITING_BYTES_MAX: usize = 1 << 29;
 
-/// Most clock steps that are told one by one.
-const TOLD_STEPS_MAX: usize = 5;
+/// Maximum number of clock steps reported individually.
+const REPORTED_STEPS_MAX: usize = 5;
 
 pub use error::{After, ReplayError};
 
-/// A recording, or another MCAP file with images, as a source of frames.
+/// A recording, or an MCAP file of another program with images, as a source of frames.
 pub struct Recording {
     reader: Reader,
     info: SourceInfo,
-    /// The first frame, read on opening to learn its size and layout.
+    /// The first frame, read on opening for its size and layout.
     first: Option<Image>,
 }
 
-/// One frame and what comes with it.
+/// One frame and its data.
 struct Image {
     frame: Frame,
     skipped: bool,
@@ -74,23 +75,23 @@ struct Reader {
     schemas: HashMap<u16, ImageSchema>,
     channels: HashMap<u16, ImageChannel>,
     known: Known,
-    /// Number of the newest frame.
+    /// Sequence number of the newest frame.
     newest: Option<u64>,
     damaged: Damaged,
-    /// Why the first image that could not be read could not.
+    /// Error of the first image that could not be decoded.
     first_damage: Option<ReplayError>,
     ended: bool,
 }
 
-/// Who wrote the file, which decides how messages become frames.
+/// The program that wrote the file, which determines how messages become frames.
 enum Maker {
-    /// Not known yet: no metadata and no channel so far.
+    /// Still unknown: no metadata and no channel so far.
     Unknown,
     Overcam(Frames),
     Other(Foreign),
 }
 
-/// What is known of another program's file.
+/// State for the file of another program.
 struct Foreign {
     /// The image topic with its message type and encoding.
     name: String,
@@ -111,7 +112,7 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// [`ReplayError`] when there is no such file, when it is no recording, or when no whole frame can be read.
+    /// [`ReplayError`] if the file does not exist, is not a recording, or has no complete frame.
     pub fn open(path: &Path) -> Result<Self, ReplayError> {
         let file = open(path).map_err(|source| ReplayError::Open {
             path: path.to_owned(),
@@ -163,30 +164,30 @@ impl Recording {
         })
     }
 
-    /// What the file says about its frames.
+    /// Information about the frames.
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         self.info.clone()
     }
 
-    /// Images that could not be read so far.
+    /// Number of damaged images so far.
     #[must_use]
     pub fn n_damaged(&self) -> u64 {
         self.reader.damaged.count
     }
 
-    /// How the recording was made. Empty if overcam did not make it.
+    /// How the recording was made. Empty if another program made it.
     #[must_use]
     pub fn provenance(&self) -> &Provenance {
         &self.reader.provenance
     }
 
-    /// Fills a slot with the next frame, with the background if it changes there, and with whether the frame was passed over.
-    /// The slot's scene stays as it is.
+    /// Fills a slot with the next frame, the background if it changes there, and whether the frame
+    /// was skipped. The slot's scene is not changed.
     ///
     /// # Errors
     ///
-    /// [`ReplayError`] when the file cannot be read on; after that, [`Next::End`].
+    /// [`ReplayError`] if reading fails; after that, [`Next::End`].
     pub fn next(&mut self, slot: &mut Slot) -> Result<Next, ReplayError> {
         let found = match self.first.take() {
             Some(first) => {
@@ -213,12 +214,12 @@ impl Recording {
 }
 
 impl Reader {
-    /// Reads up to the next frame; false when there is none.
+    /// Reads up to the next frame; returns false if there is none.
     fn next(&mut self, image: &mut Image, size: Option<Size>) -> Result<bool, ReplayError> {
         if self.ended {
             return Ok(false);
         }
-        // Whatever ends the loop below ends the recording, unless it is a frame.
+        // Any exit from the loop below ends the recording, except a frame.
         self.ended = true;
         image.background = None;
         loop {
@@ -253,7 +254,7 @@ impl Reader {
                         return Ok(true);
                     }
                 }
-                // What follows is the index.
+                // The index follows.
                 Record::DataEnd(_) => return Ok(false),
                 _ => {}
             }
@@ -281,7 +282,7 @@ impl Reader {
     }
 
     fn add_channel(&mut self, channel: &Channel) -> Result<(), ReplayError> {
-        // A recording's metadata comes before all channels.
+        // The metadata of an overcam recording precedes all channels.
         if matches!(self.maker, Maker::Unknown) {
             self.maker = Maker::Other(self.look_through()?);
         }
@@ -299,7 +300,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Takes in a message; true when it became a frame. One of another program's images waits for its turn.
+    /// Processes a message; returns true if it became a frame. An image of another program is
+    /// queued until its turn.
     fn take_message(
         &mut self,
         header: &MessageHeader,
@@ -349,7 +351,8 @@ impl Reader {
         Ok(true)
     }
 
-    /// Takes the images of another program's file whose turn it is, up to one that can be read; false when there is none yet.
+    /// Processes the queued images of another program whose turn has come, up to the first valid
+    /// one; returns false if there is none yet.
     fn take_due(&mut self, image: &mut Image, size: Option<Size>) -> Result<bool, ReplayError> {
         while let Maker::Other(foreign) = &mut self.maker {
             let Some(due) = foreign.order.due() else {
@@ -398,7 +401,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Reads another program's file once, to learn which of its messages are images and when they were taken.
+    /// Makes the first pass over another program's file: finds the image messages and their times.
     fn look_through(&self) -> Result<Foreign, ReplayError> {
         let file = open(&self.path).map_err(|source| ReplayError::Open {
             path: self.path.clone(),
@@ -417,7 +420,7 @@ impl Reader {
             }
         };
         let (order, steps) = survey.order();
-        self.tell_steps(&steps);
+        self.report_steps(&steps);
         let of_topic = || survey.channels.iter().filter(|(_, c)| c.topic == topic);
         let name = of_topic().find(|(_, c)| c.image.is_some());
         Ok(Foreign {
@@ -429,20 +432,24 @@ impl Reader {
         })
     }
 
-    fn tell_steps(&self, steps: &[ClockStep]) {
+    fn report_steps(&self, steps: &[ClockStep]) {
         let path = self.path.display();
-        for step in steps.iter().take(TOLD_STEPS_MAX) {
+        for step in steps.iter().take(REPORTED_STEPS_MAX) {
             let (seconds, image) = (step.step_ns as f64 * 1e-9, step.image);
             log(format_args!(
                 "overcam: {path}: a clock was set by {seconds:+.3} s before its image {image}; time goes on without the step"
             ));
         }
-        if let Some(further) = steps.len().checked_sub(TOLD_STEPS_MAX).filter(|&n| n > 0) {
+        if let Some(further) = steps
+            .len()
+            .checked_sub(REPORTED_STEPS_MAX)
+            .filter(|&n| n > 0)
+        {
             log(format_args!("overcam: {path}: and {further} times more"));
         }
     }
 
-    /// What there is to say when a file with images gave no frame.
+    /// The error for a file whose images gave no frame.
     fn none_readable(&mut self) -> ReplayError {
         let path = self.path.clone();
         match (self.damaged.count, self.first_damage.take()) {
@@ -502,7 +509,8 @@ impl Reader {
     }
 }
 
-/// The number of a frame from its low 32 bits: the next one with these bits after the newest.
+/// Reconstructs a sequence number from its low 32 bits: the first one after the newest with these
+/// bits.
 fn full_sequence(newest: Option<u64>, low_bits: u32) -> u64 {
     newest.map_or(u64::from(low_bits), |newest| {
         newest.wrapping_add(u64::from(low_bits.wrapping_sub(newest as u32)))

@@ -1,19 +1,24 @@
-//! YUV4MPEG2 (Y4M), the plain format in which video programs hand each other raw frames: files and standard input.
+//! YUV4MPEG2 (Y4M), the plain format for passing raw frames between video programs: files and
+//! standard input.
 //!
-//! A stream is one header line, then for each frame a line that begins with `FRAME` and the planes. Read here: 8 bits a sample,
-//! progressive, 4:2:0, 4:2:2, 4:4:4 and mono. Everything else is refused with the ffmpeg option that converts it; ffmpeg is what
-//! writes nearly all such streams, so its private tag for the range (`XCOLORRANGE`) is understood as well.
+//! A stream is one header line, then for each frame a line that starts with `FRAME` and the planes.
+//! Supported: 8 bits per sample, progressive, 4:2:0, 4:2:2, 4:4:4 and mono. Anything else is
+//! rejected with the ffmpeg option that converts it. Nearly all such streams are written by ffmpeg,
+//! so its private tag for the range (`XCOLORRANGE`) is supported as well.
 //!
-//! Mono is always taken as full range. That is what ffmpeg writes, whichever range its tag states.
+//! Mono is always treated as full range. That is what ffmpeg writes, whichever range its tag
+//! states.
 //!
-//! Pixels must be square (tag `A1:1`, or `A0:0`: unknown): in pictures that are wider than what they show, no marker has its shape.
-//! Interlaced frames are refused by their tag. A program that takes both fields of an interlaced source for one frame states no tag;
-//! `combing` finds it by the combs at the edges of what moves, which is told, because a picture alone is no proof.
+//! Pixels must be square (tag `A1:1`, or `A0:0`: unknown): in a stretched image, no marker has its
+//! shape. Interlaced frames are rejected by their tag. A program that weaves both fields of an
+//! interlaced source into one frame writes no tag; `combing` detects the combs at moving edges,
+//! which are only reported, because an image alone is no proof.
 //!
-//! A stream must state its frame rate. Time stamps come from nowhere else, and velocities and forecasts made with a guessed
-//! one would be wrong without looking wrong.
+//! A stream must state its frame rate. It is the only source of time stamps, and velocities and
+//! forecasts from a guessed rate would be wrong without any sign of it.
 //!
-//! Chroma siting (`C420jpeg`, `C420mpeg2`, `C420paldv`) is ignored: it moves colours by half a pixel.
+//! Chroma siting (`C420jpeg`, `C420mpeg2`, `C420paldv`) is ignored: it moves colours by half a
+//! pixel.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Stdin};
@@ -27,13 +32,13 @@ use crate::run::slot::{Next, SourceInfo};
 use crate::run::status::log;
 use crate::source::combing::Combing;
 
-/// Longest header line that is read, in bytes. ffmpeg's are about 80.
+/// Maximum length of a header line, in bytes. ffmpeg's are about 80.
 const MAX_LINE_BYTES: u64 = 1024;
 
-/// Sides of a pixel that differ by no more than one part in so many are equal.
+/// Pixels are square if their sides differ by at most one part in this many.
 const ASPECT_STEPS: u64 = 200;
 
-/// Why a Y4M stream cannot be read.
+/// Reasons to reject a Y4M stream.
 #[derive(Debug, thiserror::Error)]
 pub enum Y4mError {
     /// The file cannot be opened.
@@ -41,7 +46,7 @@ pub enum Y4mError {
     Open {
         /// Path of the file.
         name: String,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
     /// Reading failed.
@@ -49,24 +54,24 @@ pub enum Y4mError {
     Read {
         /// The stream.
         name: String,
-        /// Number of the frame that was being read, from 0.
+        /// Index of the frame that was being read, from 0.
         frame: u64,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The stream does not begin with a header line.
+    /// The stream does not start with a header line.
     #[error("{name}: not a Y4M stream: convert it with ffmpeg -i INPUT -f yuv4mpegpipe -")]
     NotY4m {
         /// The stream.
         name: String,
     },
-    /// The stream ends before its header does.
+    /// The stream ends before its header.
     #[error("{name}: empty: the program that should write the frames wrote none")]
     Empty {
         /// The stream.
         name: String,
     },
-    /// A tag of the header has no meaning.
+    /// A tag of the header is invalid.
     #[error("{name}: the Y4M header's tag '{tag}' is not valid")]
     Tag {
         /// The stream.
@@ -74,16 +79,16 @@ pub enum Y4mError {
         /// The tag with its letter.
         tag: String,
     },
-    /// The header lacks the width or the height, or they are out of range.
+    /// Width or height is missing in the header or out of range.
     #[error(
         "{name}: the Y4M header states {width}x{height} pixels; sides must be 1 to {MAX_SIDE}, and no more than {AREA_MAX} in all"
     )]
     Size {
         /// The stream.
         name: String,
-        /// Stated width, 0 if none is.
+        /// Stated width, 0 if missing.
         width: usize,
-        /// Stated height, 0 if none is.
+        /// Stated height, 0 if missing.
         height: usize,
     },
     /// The header states no frame rate.
@@ -95,7 +100,7 @@ pub enum Y4mError {
         /// The stream.
         name: String,
     },
-    /// Samples that are not read here.
+    /// An unsupported sample format.
     #[error("{name}: Y4M format 'C{chroma}' is not read: convert it with ffmpeg -pix_fmt yuv420p")]
     Chroma {
         /// The stream.
@@ -134,12 +139,12 @@ pub enum Y4mError {
         /// The stream.
         name: String,
     },
-    /// No frame begins where one should.
+    /// A frame header is missing.
     #[error("{name}: frame {frame} does not begin with 'FRAME': the stream is damaged")]
     NotAFrame {
         /// The stream.
         name: String,
-        /// Number of the frame, from 0.
+        /// Index of the frame, from 0.
         frame: u64,
     },
     /// The stream ends inside a frame.
@@ -147,11 +152,11 @@ pub enum Y4mError {
     Truncated {
         /// The stream.
         name: String,
-        /// Number of the frame, from 0.
+        /// Index of the frame, from 0.
         frame: u64,
-        /// Bytes of a frame.
+        /// Number of bytes of a frame.
         expected: usize,
-        /// Bytes of this one.
+        /// Number of bytes of this one.
         found: usize,
     },
 }
@@ -160,13 +165,13 @@ pub enum Y4mError {
 #[derive(Debug)]
 pub struct Y4m<R> {
     input: R,
-    /// Until it is found or ruled out.
+    /// Until combing is proven or ruled out.
     combing: Option<Combing>,
     name: String,
     header: Header,
-    /// Bytes of a frame's planes.
+    /// Number of bytes of a frame's planes.
     frame_bytes: usize,
-    /// Number of the next frame.
+    /// Index of the next frame.
     sequence: u64,
 }
 
@@ -184,7 +189,7 @@ impl Y4m<BufReader<File>> {
     ///
     /// # Errors
     ///
-    /// [`Y4mError`] when the file cannot be read or is not a Y4M stream of a supported kind.
+    /// [`Y4mError`] if the file cannot be read or is not a supported Y4M stream.
     pub fn open(path: &Path) -> Result<Self, Y4mError> {
         let name = path.display().to_string();
         match File::open(path) {
@@ -195,22 +200,23 @@ impl Y4m<BufReader<File>> {
 }
 
 impl Y4m<BufReader<Stdin>> {
-    /// Reads a header from standard input. Blocks until one is there, as [`Y4m::next`] does for a frame.
+    /// Reads a header from standard input. Blocks until one arrives, as [`Y4m::next`] does for a
+    /// frame.
     ///
     /// # Errors
     ///
-    /// [`Y4mError`] when standard input is not a Y4M stream of a supported kind.
+    /// [`Y4mError`] if standard input is not a supported Y4M stream.
     pub fn stdin() -> Result<Self, Y4mError> {
         Self::new("standard input".to_owned(), BufReader::new(io::stdin()))
     }
 }
 
 impl<R: BufRead> Y4m<R> {
-    /// Reads a header from `input`; `name` is what errors call it.
+    /// Reads a header from `input`; `name` is its name in errors.
     ///
     /// # Errors
     ///
-    /// [`Y4mError`] when `input` is not a Y4M stream of a supported kind.
+    /// [`Y4mError`] if `input` is not a supported Y4M stream.
     pub fn new(name: String, mut input: R) -> Result<Self, Y4mError> {
         let line = read_line(&mut input).map_err(|source| Y4mError::Read {
             name: name.clone(),
@@ -243,7 +249,7 @@ impl<R: BufRead> Y4m<R> {
         })
     }
 
-    /// What the header says.
+    /// Information from the header.
     #[must_use]
     pub fn info(&self) -> SourceInfo {
         let (numerator, denominator) = self.header.rate;
@@ -257,12 +263,12 @@ impl<R: BufRead> Y4m<R> {
         }
     }
 
-    /// Reads the next frame; its stamp is its number divided by the frame rate, rounded down to nanoseconds. Blocks while a
-    /// pipe is empty.
+    /// Reads the next frame; its stamp is its index divided by the frame rate, rounded down to
+    /// nanoseconds. Blocks while a pipe is empty.
     ///
     /// # Errors
     ///
-    /// [`Y4mError`] when reading fails or the stream is damaged or ends inside a frame.
+    /// [`Y4mError`] if reading fails or the stream is damaged or ends inside a frame.
     pub fn next(&mut self, frame: &mut Frame) -> Result<Next, Y4mError> {
         let number = self.sequence;
         let read_error = |name: &str, source| Y4mError::Read {
@@ -314,7 +320,7 @@ impl<R: BufRead> Y4m<R> {
         let Some(combing) = &mut self.combing else {
             return;
         };
-        // Luma comes first in all formats that are read.
+        // Luma comes first in all supported formats.
         let is_found = combing.add(&frame.bytes[..frame.size.area()]);
         if is_found {
             log(format_args!(
@@ -329,14 +335,15 @@ impl<R: BufRead> Y4m<R> {
     }
 }
 
-/// One line with its end, empty at the end of the stream, without an end if the stream or the patience ends first.
+/// One line with its line end; empty at the end of the stream, without a line end if the stream
+/// ends or the line is too long.
 fn read_line(input: &mut impl BufRead) -> io::Result<Vec<u8>> {
     let mut line = Vec::new();
     input.take(MAX_LINE_BYTES).read_until(b'\n', &mut line)?;
     Ok(line)
 }
 
-/// The exact moment of frame `number`: a rate of 30000/1001 must not drift, however long the recording.
+/// The exact time of frame `number`: a rate of 30000/1001 must not drift, even in a long recording.
 fn stamp_ns(number: u64, (numerator, denominator): (u32, u32)) -> u64 {
     let ns = u128::from(number) * u128::from(denominator) * 1_000_000_000 / u128::from(numerator);
     u64::try_from(ns).unwrap_or(u64::MAX)
@@ -356,7 +363,7 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
         width: 0,
         height: 0,
     };
-    // What the format's description says of a header without these tags.
+    // Defaults of the format's specification for missing tags.
     let (mut format, mut full_range, mut rate) = (PixelFormat::I420, false, None);
     for tag in tags.split_ascii_whitespace() {
         let invalid = || Y4mError::Tag {
@@ -402,7 +409,7 @@ fn parse_header(line: &[u8], name: &str) -> Result<Header, Y4mError> {
                 }
             }
             "X" if value == "COLORRANGE=FULL" => full_range = true,
-            // Comments, and whatever a later version adds.
+            // Comments, and tags of later versions.
             _ => {}
         }
     }
@@ -424,8 +431,8 @@ fn ratio(value: &str) -> Option<(u32, u32)> {
     Some((numerator.parse().ok()?, denominator.parse().ok()?))
 }
 
-/// Whether pixels of this shape are square, as far as a marker can tell: programs that scale round sizes to whole pixels and then
-/// state what that did. A ratio with a 0 is unknown.
+/// Whether pixels of this aspect are square, as far as markers are concerned: some programs scale
+/// to a round size in whole pixels and state the resulting aspect. A ratio with a 0 is unknown.
 fn is_square(horizontal: u32, vertical: u32) -> bool {
     let apart = u64::from(horizontal.abs_diff(vertical));
     horizontal == 0 || vertical == 0 || apart * ASPECT_STEPS <= u64::from(vertical)

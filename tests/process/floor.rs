@@ -165,10 +165,10 @@ fn the_floor_is_learned_anew_on_a_signal_and_the_recording_replays() {
     let running = Running::start(&mut overcam(folder.path(), &arguments));
     let mut lines = vec![running.next_line()];
     running.signal("USR1");
-    running.hear("learning the empty floor anew from the 45 frames after frame");
+    running.hear("learning the empty floor again from the 45 frames after frame");
     running.signal("USR1");
-    running.hear("being learned already");
-    running.hear("the empty floor was learned anew");
+    running.hear("already being learned");
+    running.hear("the empty floor was learned again");
     running.signal("INT");
     let ended = running.end();
     assert_eq!(ended.status, Some(0), "{:?}", ended.errors);

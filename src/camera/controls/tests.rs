@@ -1,8 +1,8 @@
-//! Cameras as tables of plain data: what each is told to do, and what is said of it.
+//! Cameras as tables of plain data: the changes made to each, and the report about it.
 
 use super::*;
 
-/// A control that can be set, as `(id, least, most, step, value)`.
+/// A writable control, as `(id, min, max, step, value)`.
 type Row = (u32, i32, i32, i32, i32);
 
 fn camera(rows: &[Row]) -> Controls {
@@ -19,7 +19,8 @@ fn camera(rows: &[Row]) -> Controls {
     Controls(rows.iter().map(control).collect())
 }
 
-/// A webcam as they are sold: everything automatic, no automatic of the gain, which goes with the exposure.
+/// A typical webcam: everything is automatic; the gain has no automatic of its own and follows the
+/// exposure.
 const WEBCAM: [Row; 8] = [
     (EXPOSURE_AUTO, 0, 3, 1, 3),
     (EXPOSURE_ABSOLUTE, 3, 2047, 1, 156),
@@ -135,7 +136,7 @@ fn values_that_switching_off_has_changed_are_written_back() {
     let expected = [(EXPOSURE_ABSOLUTE, 156), (GAIN, 64), (FOCUS_ABSOLUTE, 30)];
     assert_eq!(pairs(&after.to_put_back(&before, &LOCK)), expected);
 
-    // What was given by hand, still moves by itself, or cannot be set is left.
+    // Values given by the user, still automatic, or read-only are skipped.
     let request = ControlRequest {
         gain: Some(0),
         ..LOCK
@@ -166,21 +167,21 @@ fn values_given_by_hand_are_written_exactly() {
     let error = camera.check_by_hand(&request).expect_err("not yet written");
     assert!(error.to_string().contains("its automatic on"), "{error}");
 
-    let mut taken = changed(camera, &by_hand);
-    taken.check_by_hand(&request).expect("taken");
-    let off = taken.to_switch_off(&request);
+    let mut current = changed(camera, &by_hand);
+    current.check_by_hand(&request).expect("accepted");
+    let off = current.to_switch_off(&request);
     assert_eq!(pairs(&off), [(FOCUS_AUTO, 0)]);
-    assert_eq!(taken.to_keep_rate(&off), None);
-    taken = changed(taken, &off);
+    assert_eq!(current.to_keep_rate(&off), None);
+    current = changed(current, &off);
     assert_eq!(
-        taken.report(&request, &accepted(off)),
+        current.report(&request, &accepted(off)),
         "locked focus 30; given exposure 10000 us, gain 255, white balance 4010 K"
     );
     let clipped = Change {
         id: EXPOSURE_ABSOLUTE,
         value: 99,
     };
-    let error = changed(taken, &[clipped]).check_by_hand(&request);
+    let error = changed(current, &[clipped]).check_by_hand(&request);
     assert_eq!(
         error.expect_err("not what was asked for").to_string(),
         "--exposure 10000: the camera has 9900 us instead: give another value, or leave it out"
@@ -188,7 +189,7 @@ fn values_given_by_hand_are_written_exactly() {
 }
 
 #[test]
-fn automatics_stay_on_if_wished_except_of_what_is_given() {
+fn automatics_stay_on_on_request_except_for_given_values() {
     let request = ControlRequest {
         camera_auto: true,
         focus: Some(0),
@@ -255,10 +256,11 @@ fn values_that_the_camera_does_not_have_are_refused() {
 }
 
 #[test]
-fn refusals_are_told_with_the_reason() {
+fn refusals_are_reported_with_the_reason() {
     let camera = camera(&WEBCAM);
     let off = camera.to_switch_off(&LOCK);
-    // The exposure is switched off, the white balance refuses, and the focus only pretends.
+    // The exposure is switched off, the white balance refuses, and the focus only pretends to
+    // switch.
     let after = changed(camera, &off[..1]);
     let results = [Ok(()), denied(libc::EBUSY), Ok(())];
     let attempt = Attempt {
@@ -284,10 +286,10 @@ fn refusals_are_told_with_the_reason() {
 }
 
 #[test]
-fn a_jump_of_the_brightness_is_told() {
+fn a_jump_of_the_brightness_is_reported() {
     let camera = camera(&WEBCAM);
     let off = camera.to_switch_off(&LOCK);
-    // The exposure was given back.
+    // The exposure was returned to its automatic.
     let after = changed(camera, &off[1..]);
     let attempt = Attempt {
         undone_by: Some(0.4),
@@ -307,13 +309,13 @@ fn only_large_changes_of_the_brightness_are_jumps() {
     assert_eq!(brightness_jump(100.0, 84.0), None);
     assert_eq!(brightness_jump(100.0, 130.0), Some(1.3));
     assert_eq!(brightness_jump(100.0, 50.0), Some(0.5));
-    // Noise of a covered lens, and the lens uncovered.
+    // Noise of a covered lens; the lens is uncovered.
     assert_eq!(brightness_jump(2.0, 5.0), None);
     assert_eq!(brightness_jump(0.0, 120.0), Some(120.0));
     assert_eq!(brightness_jump(120.0, 0.0), Some(1.0 / 120.0));
 }
 
-/// Power-on values: what a camera has when it comes back.
+/// Power-on values of a camera that returns.
 #[test]
 fn a_camera_that_comes_back_gets_the_values_at_which_it_was_locked() {
     let locked = changed(
@@ -335,7 +337,7 @@ fn a_camera_that_comes_back_gets_the_values_at_which_it_was_locked() {
     );
     let back = camera(&WEBCAM);
     let first = locked.to_set_again(&back);
-    // The focus was automatic, and stays so.
+    // The focus was automatic, and remains so.
     assert_eq!(
         pairs(&first),
         [(EXPOSURE_AUTO, EXPOSURE_MANUAL), (AUTO_WHITE_BALANCE, OFF)]
@@ -344,7 +346,7 @@ fn a_camera_that_comes_back_gets_the_values_at_which_it_was_locked() {
     let second = locked.to_set_again(&back);
     assert_eq!(pairs(&second), [(EXPOSURE_ABSOLUTE, 99)]);
     assert!(locked.to_set_again(&changed(back, &second)).is_empty());
-    // One whose power stayed on.
+    // A camera that kept its power.
     assert!(locked.to_set_again(&locked).is_empty());
 }
 

@@ -1,10 +1,11 @@
-//! What was written to a camera, and what stood there before, which is put back at the end.
+//! Values written to a camera, and the original values, which are restored on exit.
 //!
-//! It is also kept in a small file while the program runs. A program that is killed, or whose machine loses its power, leaves the
-//! file behind, and the next one that uses the camera puts back what stands there; otherwise the automatics would stay off for good, and
-//! every later run would find them "fixed already".
+//! While the program runs, the original values are also stored in a small file. If the program is
+//! killed, or the machine loses power, the file remains, and the next program that uses the camera
+//! restores the values. Otherwise the automatics would stay off forever, and every later run would
+//! report them as "fixed already".
 //!
-//! The file is locked as long as its program lives, so that nobody mistakes a living one's for a leftover.
+//! The file is locked while its program runs, so that a file in use is not mistaken for a leftover.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -15,31 +16,32 @@ use serde::{Deserialize, Serialize};
 use crate::camera::controls::{Change, SETTINGS};
 use crate::camera::v4l2::Device;
 
-/// What was written to a camera, and what stood there before.
+/// Values written to a camera, and the original ones.
 #[derive(Debug, Default)]
 pub(crate) struct Written {
-    /// What stood there, in the order in which it was overwritten.
+    /// The original values, in the order in which they were overwritten.
     before: Vec<Change>,
     file: Option<StateFile>,
 }
 
-/// The file that outlives a killed program.
+/// The file that survives a killed program.
 #[derive(Debug)]
 struct StateFile {
     path: PathBuf,
     file: File,
 }
 
-/// What the file says.
+/// Content of the file.
 #[derive(Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct State {
-    /// The camera's name and port, for people.
+    /// The camera's name and port, for human readers.
     camera: String,
-    /// What stood there before overcam came.
+    /// Original values.
     before: Vec<Change>,
 }
 
-/// Where the files are: as systemd says, of root's programs below `/run`, of others below `$XDG_STATE_HOME`.
+/// Folder of the files: the one given by systemd; otherwise for root below `/run`, for other users
+/// below `$XDG_STATE_HOME`.
 #[must_use]
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let folder = |name| std::env::var_os(name).filter(|value| !value.is_empty());
@@ -57,12 +59,12 @@ pub(crate) fn state_folder() -> Option<PathBuf> {
 }
 
 impl Written {
-    /// Keeps what is overwritten in a file of `folder` from now on, and puts back what a killed program left there of the same
-    /// camera. Returns how many values were put back.
+    /// From now on, stores overwritten values in a file of `folder`. Also restores the values of
+    /// the same camera left there by a killed program, and returns their number.
     ///
     /// # Errors
     ///
-    /// When the file cannot be made, or belongs to a program that is still running.
+    /// If the file cannot be created, or belongs to a running program.
     pub(crate) fn keep_in(
         &mut self,
         folder: &Path,
@@ -78,7 +80,7 @@ impl Written {
         Ok(n_left_over)
     }
 
-    /// Writes to the camera, and remembers what was there.
+    /// Writes to the camera, and stores the original value.
     pub(crate) fn write(&mut self, device: &Device, change: Change) -> io::Result<()> {
         let before = device.control_value(change.id);
         let is_first = self.before.iter().all(|written| written.id != change.id);
@@ -87,21 +89,21 @@ impl Written {
         {
             let id = change.id;
             self.before.push(Change { id, value });
-            // First in the file: a program may be killed between any two steps.
+            // Saved first, because the program may be killed between any two steps.
             self.save();
         }
         device.set_control(change.id, change.value)
     }
 
-    /// Puts the automatics back on that make the picture bright or dark.
+    /// Restores the automatics that affect brightness.
     pub(crate) fn undo_brightness(&mut self, device: &Device) {
-        let (taken, kept) = part_brightness(&self.before);
+        let (brightness, kept) = part_brightness(&self.before);
         self.before = kept;
-        put_back(device, taken);
+        put_back(device, brightness);
         self.save();
     }
 
-    /// Puts everything back. The file goes when that is done.
+    /// Restores everything, then removes the file.
     pub(crate) fn undo(&mut self, device: &Device) {
         put_back(device, std::mem::take(&mut self.before));
         if let Some(file) = self.file.take() {
@@ -109,7 +111,8 @@ impl Written {
         }
     }
 
-    /// A disk that is full costs a killed program's successor the values, and this run nothing.
+    /// Errors are ignored: on a full disk, the only loss is that the values cannot be restored
+    /// after a kill.
     fn save(&mut self) {
         if let Some(file) = &mut self.file {
             let camera = file.camera();
@@ -119,7 +122,7 @@ impl Written {
     }
 }
 
-/// The automatics that were on and make the picture bright or dark, and the rest.
+/// Splits off the automatics that were on and affect brightness.
 fn part_brightness(before: &[Change]) -> (Vec<Change>, Vec<Change>) {
     before.iter().copied().partition(|written| {
         let mut settings = SETTINGS.iter().filter(|setting| setting.is_brightness);
@@ -127,8 +130,8 @@ fn part_brightness(before: &[Change]) -> (Vec<Change>, Vec<Change>) {
     })
 }
 
-/// The last first, so that automatics come after what they decide. A camera that is gone or answers no more is not asked again, since
-/// each request to it may take seconds.
+/// In reverse order, so that automatics come after the values they control. After a camera is gone
+/// or does not respond, no further requests are sent, since each may take seconds.
 fn put_back(device: &Device, before: Vec<Change>) {
     for change in before.into_iter().rev() {
         let result = device.set_control(change.id, change.value);
@@ -143,7 +146,7 @@ fn put_back(device: &Device, before: Vec<Change>) {
 }
 
 impl StateFile {
-    /// Opens the file of a camera, which is made where there is none, and locks it.
+    /// Opens the file of a camera, creates it if needed, and locks it.
     fn open(folder: &Path, camera: &str) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         let path = folder.join(format!("camera-{}.toml", file_name(camera)));
@@ -157,7 +160,7 @@ impl StateFile {
         Ok(Self { path, file })
     }
 
-    /// What it says; nothing if it says nothing that can be read.
+    /// Content of the file; empty if unreadable.
     fn read(&mut self) -> State {
         let mut text = String::new();
         let read = self.file.read_to_string(&mut text);
@@ -180,7 +183,7 @@ impl StateFile {
     }
 }
 
-/// A camera's name and port as part of a file's name.
+/// The name and port of a camera as part of a file name.
 fn file_name(camera: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.');
     camera
@@ -238,8 +241,8 @@ mod tests {
             (GAIN, 12),
         ]
         .map(change);
-        let (taken, kept) = part_brightness(&before);
-        assert_eq!(taken, [before[1], before[2]]);
+        let (brightness, kept) = part_brightness(&before);
+        assert_eq!(brightness, [before[1], before[2]]);
         assert_eq!(kept, [before[0], before[3], before[4]]);
     }
 

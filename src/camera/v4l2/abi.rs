@@ -1,32 +1,33 @@
 //! Structures and request numbers of `linux/videodev2.h` on 64-bit machines.
 //!
-//! Unions are written as their one member that is used here, so that no union has to be read. Sizes, the offsets that matter
-//! and the request numbers are compared with the kernel's when this file is compiled.
+//! Unions are declared as the single member used here, so no union has to be read. Sizes, relevant
+//! offsets and request numbers are checked against the kernel's at compile time.
 #![deny(unsafe_code)]
 
 use std::marker::PhantomData;
 use std::mem::{offset_of, size_of};
 
-/// Four characters that name a pixel layout.
+/// Four-character code of a pixel format.
 pub(crate) type FourCc = [u8; 4];
 
-/// `device_caps`: the node captures video in one plane, in several planes, puts video out, captures metadata, streams.
+/// `device_caps`: video capture (single-planar, multi-planar), video output, metadata capture,
+/// streaming.
 pub(crate) const CAP_CAPTURE: u32 = 0x0000_0001;
 pub(crate) const CAP_CAPTURE_PLANES: u32 = 0x0000_1000;
 pub(crate) const CAP_OUTPUT: u32 = 0x0000_0002 | 0x0000_2000;
 pub(crate) const CAP_METADATA: u32 = 0x0080_0000;
 pub(crate) const CAP_STREAMING: u32 = 0x0400_0000;
-/// `capabilities`: the member `device_caps` is filled.
+/// `capabilities`: the member `device_caps` is valid.
 pub(super) const CAP_DEVICE_CAPS: u32 = 0x8000_0000;
 
 pub(super) const TYPE_VIDEO_CAPTURE: u32 = 1;
 pub(super) const MEMORY_MMAP: u32 = 1;
 pub(super) const FIELD_NONE: u32 = 1;
-/// Set in a stream parameter's `capability`: its `timeperframe` means something.
+/// Set in a stream parameter's `capability` if its `timeperframe` is valid.
 pub(super) const CAP_TIME_PER_FRAME: u32 = 0x1000;
 pub(super) const KIND_DISCRETE: u32 = 1;
 
-/// The part of a control's number that names its class.
+/// The class bits of a control id.
 pub(super) const CONTROL_CLASS_MASK: u32 = 0x0fff_0000;
 pub(super) const CONTROL_DISABLED: u32 = 0x0001;
 pub(super) const CONTROL_READ_ONLY: u32 = 0x0004;
@@ -59,7 +60,7 @@ pub(super) struct FormatDescription {
     pub(super) reserved: [u32; 3],
 }
 
-/// Layout of the frames that a camera delivers.
+/// Format of the frames that a camera delivers.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct PixFormat {
@@ -67,9 +68,9 @@ pub(crate) struct PixFormat {
     pub(crate) height: u32,
     pub(crate) pixel_format: FourCc,
     pub(crate) field: u32,
-    /// Bytes from one row to the next, of the first plane.
+    /// Stride of the first plane, in bytes.
     pub(crate) bytes_per_line: u32,
-    /// Bytes of a buffer; for a compressed format the most that a picture needs.
+    /// Buffer size in bytes; for a compressed format the maximum for one image.
     pub(crate) size_image: u32,
     pub(crate) colorspace: u32,
     pub(crate) private: u32,
@@ -88,7 +89,7 @@ pub(super) struct Format {
     pub(super) rest: [u64; 19],
 }
 
-/// Seconds as a fraction, as the kernel states frame intervals.
+/// Seconds as a fraction, as used by the kernel for frame intervals.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Fraction {
@@ -112,7 +113,8 @@ pub(super) struct FrameSizeEntry {
     pub(super) index: u32,
     pub(super) pixel_format: FourCc,
     pub(super) kind: u32,
-    /// Discrete: width and height. Otherwise least, most and step of the width, then of the height.
+    /// Discrete: width and height. Otherwise minimum, maximum and step of the width, then of the
+    /// height.
     pub(super) numbers: [u32; 6],
     pub(super) reserved: [u32; 2],
 }
@@ -125,7 +127,7 @@ pub(super) struct FrameIntervalEntry {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) kind: u32,
-    /// Discrete: the first one. Otherwise the shortest, the longest and the step.
+    /// Discrete: only the first is valid. Otherwise shortest, longest and step.
     pub(super) intervals: [Fraction; 3],
     pub(super) reserved: [u32; 2],
 }
@@ -159,7 +161,7 @@ pub(super) struct Buffer {
     pub(super) reserved: [u32; 2],
 }
 
-/// What a control is and takes.
+/// Type and range of a control.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub(super) struct ControlQuery {
@@ -174,7 +176,7 @@ pub(super) struct ControlQuery {
     pub(super) reserved: [u32; 2],
 }
 
-/// The kernel packs it: its union of eight bytes is not aligned to eight.
+/// Packed by the kernel: its union of eight bytes is not aligned to eight.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub(super) struct ExtendedControl {
@@ -231,7 +233,8 @@ pub(super) const S_EXT_CTRLS: Request<ExtendedControls> = request(READ_WRITE, 72
 pub(super) const ENUM_FRAMESIZES: Request<FrameSizeEntry> = request(READ_WRITE, 74);
 pub(super) const ENUM_FRAMEINTERVALS: Request<FrameIntervalEntry> = request(READ_WRITE, 75);
 
-// What a C compiler makes of linux/videodev2.h on a 64-bit machine. The request numbers contain the sizes.
+// Values from a C compiler for linux/videodev2.h on a 64-bit machine. The request numbers contain
+// the sizes.
 const _: () = {
     assert!(QUERYCAP.number as u32 == 0x8068_5600);
     assert!(ENUM_FMT.number as u32 == 0xc040_5602);

@@ -17,16 +17,16 @@ use super::{POLL_PERIOD, WatchError};
 use crate::output::shared_memory::{self, Ipc, leftovers};
 use crate::run::status::log;
 
-/// What is watched.
+/// The service to watch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wanted<'a> {
     pub(super) name: ServiceName,
-    /// The group for which it is published; else by this user.
+    /// The group for which it is published; `None`: by this user.
     pub(super) group: Option<&'a str>,
 }
 
 impl Wanted<'_> {
-    /// Where to look now; `None` while there is no such place.
+    /// Where to look now; `None` while the place does not exist.
     fn config(&self) -> Result<Option<Config>, WatchError> {
         let group = match self.group {
             Some(group) => Some(group.to_owned()),
@@ -49,26 +49,26 @@ impl Wanted<'_> {
     }
 }
 
-/// A subscription and what wakes it.
+/// A subscription and its event listener.
 pub(super) struct Connection<'a> {
     wanted: Wanted<'a>,
     config: Config,
-    // Ports go before the service they belong to.
+    // Ports are dropped before their service.
     subscriber: Subscriber<Ipc, Scene, ()>,
     listener: Listener<Ipc>,
     pub(super) service: publish_subscribe::PortFactory<Ipc, Scene, ()>,
 }
 
 impl<'a> Connection<'a> {
-    /// `None`: stopped before the service existed.
+    /// `None` if stopped before the service existed.
     pub(super) fn wait_for(
         wanted: Wanted<'a>,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, WatchError> {
         let mut node: Option<Node<Ipc>> = None;
-        let mut said = false;
+        let mut is_announced = false;
         while !stop.load(Ordering::Relaxed) {
-            // Where it will be may not be known before it is there.
+            // The place may be unknown until it exists.
             if let Some(config) = wanted.config()? {
                 if node.as_ref().is_none_or(|node| *node.config() != config) {
                     let opened = shared_memory::node(&config);
@@ -80,31 +80,31 @@ impl<'a> Connection<'a> {
                     return Ok(Some(connection));
                 }
             }
-            if !said {
+            if !is_announced {
                 log(format_args!(
                     "watch: waiting for service `{}`: no overcam publishes it yet",
                     wanted.name
                 ));
-                said = true;
+                is_announced = true;
             }
             std::thread::sleep(POLL_PERIOD);
         }
         Ok(None)
     }
 
-    /// Gives the connection up and waits for the service again. `None`: stopped before it existed.
+    /// Closes the connection and waits for the service again. `None` if stopped before it existed.
     pub(super) fn again(self, stop: &AtomicBool) -> Result<Option<Self>, WatchError> {
         let wanted = self.wanted;
         drop(self);
         Self::wait_for(wanted, stop)
     }
 
-    /// Whether newcomers find the same service.
+    /// Whether new subscribers would find the same service.
     pub(super) fn is_current(&self) -> bool {
         scene::is_current(&self.service, &self.config)
     }
 
-    /// `None`: the service does not exist, or is just being created or removed.
+    /// `None` if the service does not exist, or is just being created or removed.
     fn try_open(node: &Node<Ipc>, wanted: Wanted<'a>) -> Result<Option<Self>, WatchError> {
         use PublishSubscribeOpenError as Open;
         let name = wanted.name;
@@ -123,7 +123,7 @@ impl<'a> Connection<'a> {
             Err(
                 Open::IncompatibleTypes | Open::VersionMismatch | Open::ServiceInCorruptedState,
             ) => {
-                // What dead programs left is removed by the overcam that comes.
+                // The remains of dead programs are removed by the next overcam.
                 return match leftovers::programs(node.config(), &name) {
                     Some(programs) if programs.alive => Err(WatchError::Incompatible {
                         service: name.to_string(),
@@ -155,7 +155,7 @@ impl<'a> Connection<'a> {
             }
             Err(other) => return Err(read_error(name, other)),
         };
-        // The listener comes first: no scene may arrive between the two without a wake-up.
+        // The listener comes first, so that no scene can arrive between the two without a wake-up.
         let listener = event.listener_builder().create();
         let listener = listener.map_err(|error| match error {
             ListenerCreateError::ExceedsMaxSupportedListeners => WatchError::Full {
@@ -170,7 +170,7 @@ impl<'a> Connection<'a> {
             },
             other => read_error(name, other),
         })?;
-        // Until the next scene is in time for it.
+        // If this fails, the service admits it at the next scene.
         let _ = scene::admit(node.config());
         Ok(Some(Self {
             wanted,
@@ -184,7 +184,8 @@ impl<'a> Connection<'a> {
     pub(super) fn receive(&self) -> Result<Option<Sample<Ipc, Scene, ()>>, WatchError> {
         match self.subscriber.receive() {
             Ok(sample) => Ok(sample),
-            // A publisher that is killed while it comes or goes: its successor gets another connection.
+            // A publisher was killed while connecting or disconnecting; its successor gets another
+            // connection.
             Err(ReceiveError::ConnectionFailure(_)) => Ok(None),
             Err(other) => Err(read_error(self.wanted.name, other)),
         }

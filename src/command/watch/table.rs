@@ -1,8 +1,8 @@
-//! Scenes as a table on a terminal: a row an object, renewed in place.
+//! Scenes as a table on a terminal: one row per object, updated in place.
 //!
-//! What stands on the screen is a pure function of the newest scene and the terminal's size ([`table`]). It is drawn over the table
-//! before in one write, some times a second, with the cursor left below it: a program that is stopped or killed leaves nothing to be
-//! restored.
+//! The screen content is a pure function of the newest scene and the terminal's size ([`table`]).
+//! It is drawn over the previous table in one write, several times a second, with the cursor left
+//! below it: a program that is stopped or killed leaves nothing to restore.
 
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -18,11 +18,11 @@ use crate::clock::monotonic_ns;
 use crate::run::status::counted;
 
 const DRAW_PERIOD: Duration = Duration::from_millis(200);
-/// Time over which the rate is taken.
+/// Interval over which the rate is measured.
 const RATE_PERIOD: Duration = Duration::from_secs(1);
-/// A scene this old is no news any more.
+/// A scene of this age is outdated.
 const STALE_NS: u64 = 1_000_000_000;
-/// Of a terminal that does not tell its size.
+/// Assumed if the terminal does not state its size.
 const SIZE: ScreenSize = ScreenSize {
     columns: 80,
     rows: 24,
@@ -35,16 +35,16 @@ pub(super) struct ScreenSize {
     rows: usize,
 }
 
-/// What the table says besides the scene.
+/// Data in the table besides the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Facts<'a> {
     /// The service's name.
     service: &'a str,
-    /// Scenes a second, once that is known.
+    /// Scenes per second, when known.
     rate_hz: Option<f64>,
     /// Age of the scene.
     age_ns: u64,
-    /// Frames without a scene here.
+    /// Number of frames whose scene was missed.
     n_missing: u64,
 }
 
@@ -56,12 +56,12 @@ pub(super) struct Screen<'a, W> {
     newest: Box<Scene>,
     n_missing: u64,
     rate_hz: Option<f64>,
-    /// When the scenes began that the next rate is about, and how many there were since.
+    /// Start of the current rate interval, and number of scenes since.
     since: Option<(Instant, u32)>,
     drawn: Option<Instant>,
-    /// Lines of the table that stands there, and the size of the terminal then.
+    /// Number of lines of the current table, and the size of the terminal when it was drawn.
     standing: (usize, ScreenSize),
-    /// Set by a signal when the program goes on after Ctrl-Z.
+    /// Set by a signal when the program is resumed after Ctrl-Z.
     resumed: Arc<AtomicBool>,
 }
 
@@ -69,7 +69,7 @@ impl<'a, W: Write> Screen<'a, W> {
     /// Nothing is drawn before the first scene.
     pub(super) fn new(out: &'a mut W) -> Self {
         let resumed = Arc::new(AtomicBool::new(false));
-        // Without the signal the shell's words are drawn over.
+        // Without the signal the output of the shell is overwritten.
         let _ = signal_hook::flag::register(SIGCONT, Arc::clone(&resumed));
         Self {
             out,
@@ -84,11 +84,11 @@ impl<'a, W: Write> Screen<'a, W> {
         }
     }
 
-    /// Takes a scene in, and draws when it is time to.
+    /// Adds a scene, and draws if due.
     ///
     /// # Errors
     ///
-    /// When the terminal is gone.
+    /// If the terminal is gone.
     pub(super) fn take(&mut self, scene: &Scene, service: &str, n_missing: u64) -> io::Result<()> {
         let now = Instant::now();
         if self.service != service {
@@ -110,11 +110,11 @@ impl<'a, W: Write> Screen<'a, W> {
         self.draw_when_due()
     }
 
-    /// Draws when it is time to: a scene that nothing follows grows old.
+    /// Draws if due, because a scene without a successor grows old.
     ///
     /// # Errors
     ///
-    /// When the terminal is gone.
+    /// If the terminal is gone.
     pub(super) fn draw_when_due(&mut self) -> io::Result<()> {
         let is_due = self
             .drawn
@@ -125,11 +125,11 @@ impl<'a, W: Write> Screen<'a, W> {
         Ok(())
     }
 
-    /// Draws the last scene and leaves the table behind.
+    /// Draws the last scene and leaves the table on the screen.
     ///
     /// # Errors
     ///
-    /// When the terminal is gone.
+    /// If the terminal is gone.
     pub(super) fn finish(&mut self) -> io::Result<()> {
         if self.since.is_none() {
             return Ok(());
@@ -141,7 +141,7 @@ impl<'a, W: Write> Screen<'a, W> {
 
     fn draw(&mut self) -> io::Result<()> {
         if self.resumed.swap(false, Ordering::Relaxed) {
-            // The shell has written below the table: a new one begins there, and a new rate.
+            // The shell has written below the table: start a new table and a new rate interval.
             self.standing.0 = 0;
             (self.since, self.rate_hz) = (Some((Instant::now(), 0)), None);
         }
@@ -170,12 +170,13 @@ fn screen_size() -> ScreenSize {
     }
 }
 
-/// What draws `lines` over those that stand there, in the terminal as it was then.
+/// The text that draws `lines` over the current table, given the size of the terminal when that was
+/// drawn.
 fn over((n_standing, then): (usize, ScreenSize), lines: &[String], now: ScreenSize) -> String {
-    // Without the cursor, which would be seen to run over the table.
+    // Hide the cursor, so that it does not visibly move over the table.
     let mut text = "\x1b[?25l".to_owned();
     if n_standing > 0 && then != now {
-        // Lines may have been broken anew, nobody knows where.
+        // The terminal may have wrapped lines anew, at unknown places.
         text += "\x1b[H\x1b[2J";
     } else {
         text.push('\r');
@@ -190,7 +191,7 @@ fn over((n_standing, then): (usize, ScreenSize), lines: &[String], now: ScreenSi
     text + "\x1b[J\x1b[?25h"
 }
 
-/// The lines of a table that fits a screen.
+/// The lines of a table that fits the screen.
 fn table(scene: &Scene, facts: Facts, size: ScreenSize) -> Vec<String> {
     let objects = scene.objects();
     let (unit, decimals) = match scene.frame {
@@ -208,7 +209,7 @@ fn table(scene: &Scene, facts: Facts, size: ScreenSize) -> Vec<String> {
         format!("{unit}/s"),
         "age s"
     ));
-    // The cursor is in the last line, where the shell's next one will be.
+    // The cursor stays in the last line, where the shell continues.
     let room = size.rows.saturating_sub(1 + lines.len());
     let shown = if objects.len() > room {
         room.saturating_sub(1)
@@ -221,13 +222,13 @@ fn table(scene: &Scene, facts: Facts, size: ScreenSize) -> Vec<String> {
     }
     lines.truncate(size.rows.saturating_sub(1).max(1));
     for line in &mut lines {
-        // In the last column some terminals wrap already.
+        // Some terminals wrap already in the last column.
         cut(line, size.columns.saturating_sub(1));
     }
     lines
 }
 
-/// What is said of the scene as a whole.
+/// Header lines about the scene as a whole.
 fn header(scene: &Scene, facts: Facts) -> Vec<String> {
     let age_s = facts.age_ns as f64 * 1e-9;
     let age = if facts.age_ns < STALE_NS {
@@ -279,7 +280,7 @@ fn header(scene: &Scene, facts: Facts) -> Vec<String> {
 fn row(object: &Object, decimals: usize) -> String {
     let name = object.marker_name().map(printable);
     let heading = object.heading().map_or(String::new(), |rad| {
-        // Adding 0 takes the sign off a zero.
+        // Adding 0 removes the sign of a zero.
         format!("{:.1}", (10.0 * rad.to_degrees()).round() / 10.0 + 0.0)
     });
     format!(
@@ -298,18 +299,18 @@ fn row(object: &Object, decimals: usize) -> String {
     )
 }
 
-/// A name without what would move the cursor.
+/// A name without characters that would move the cursor.
 fn printable(name: &str) -> String {
     let seen = |c: char| if c.is_control() { '?' } else { c };
     name.chars().map(seen).collect()
 }
 
-/// Columns that a letter takes: two from the first wide script on.
+/// Columns of a character: two from the first wide script on.
 fn width(letter: char) -> usize {
     if letter < '\u{1100}' { 1 } else { 2 }
 }
 
-/// A text in exactly so many columns.
+/// A text padded or truncated to exactly this many columns.
 fn fill(text: &str, columns: usize) -> String {
     let mut text = text.to_owned();
     cut(&mut text, columns);
@@ -318,7 +319,7 @@ fn fill(text: &str, columns: usize) -> String {
     text
 }
 
-/// Takes off what does not fit into so many columns.
+/// Truncates a text to this many columns.
 fn cut(text: &mut String, columns: usize) {
     let mut used = 0;
     let end = text.char_indices().find_map(|(at, letter)| {
@@ -346,7 +347,7 @@ mod tests {
         ScreenSize { columns, rows }
     }
 
-    /// A robot that is seen and obstacles that are not.
+    /// A visible robot and invisible obstacles.
     fn scene(n_objects: u32) -> Scene {
         let mut scene = Scene::EMPTY;
         (scene.sequence, scene.n_objects) = (1234, n_objects);
@@ -378,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_gives_no_frames_is_told_first() {
+    fn a_camera_without_frames_is_reported_first() {
         let mut scene = scene(0);
         (scene.source, scene.frame_age_s) = (SOURCE_WAITING, 12.4);
         assert_eq!(
@@ -388,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn metres_old_scenes_the_dark_and_what_lacks_are_told() {
+    fn metres_old_scenes_darkness_and_missing_scenes_are_shown() {
         let mut scene = scene(1);
         scene.frame = FRAME_FLOOR;
         scene.light = LIGHT_DARK;
@@ -436,7 +437,7 @@ mod tests {
         let lines = table(&full, FACTS, screen(80, 12));
         assert_eq!(lines.len(), 11);
         assert_eq!(lines[10], format!("     and {} more", MAX_OBJECTS - 7));
-        // Nothing is hidden where all have room.
+        // Nothing is hidden if all fit.
         let lines = table(&full, FACTS, screen(80, MAX_OBJECTS + 4));
         assert_eq!(lines.len(), MAX_OBJECTS + 3);
         assert!(lines.iter().all(|line| !line.contains("more")));

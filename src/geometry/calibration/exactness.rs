@@ -1,24 +1,27 @@
-//! How exact positions can be, and what is odd about a calibration.
+//! Accuracy of positions, and plausibility of a calibration.
 //!
-//! Points are clicked on by hand. How far a small error of that moves positions depends on where the points are: hardly near the
-//! corners of the floor, very far where they lie nearly on a line. Of four points no residual tells.
+//! Points are clicked by hand. The effect of a small click error on positions depends on the layout
+//! of the points: it is small near the corners of the floor, and very large if they are nearly
+//! collinear. With four points the residual does not show this.
 
 use imgproc::Size;
 
 use crate::geometry::calibration::{Calibration, FloorPoint, PointPair};
 
-/// How exactly a person clicks on a point: standard deviation in each direction, pixels.
+/// Click error: standard deviation in each direction, pixels.
 pub(super) const CLICKED_PX: f64 = 0.5;
 
-/// By so many pixels [`CLICKED_PX`] may move positions among the points: more is said, and with much more the points are refused.
-/// Four points at the corners of what is looked at give 0.7.
+/// Effect of [`CLICKED_PX`] on positions among the points, in pixels, from which on there is a
+/// warning, and above which the points are rejected. Four points at the corners of the image area
+/// in use give 0.7.
 const INEXACT_PX: f64 = 4.0;
 pub(super) const INEXACT_MAX_PX: f64 = 25.0;
 
-/// A pixel wider than this is doubted: a picture of 640 pixels would show a floor of 190 m.
+/// A wider pixel is implausible: 640 pixels would cover a floor of 190 m.
 const WIDE_PIXEL_M: f64 = 0.3;
 
-/// How far [`CLICKED_PX`] moves positions, at the worst place of the rectangle around the points.
+/// Effect of [`CLICKED_PX`] on positions, at the worst place of the bounding rectangle of the
+/// points.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Inexactness {
     pub(super) metres: f64,
@@ -26,7 +29,7 @@ pub(super) struct Inexactness {
 }
 
 impl Calibration {
-    /// What errors of clicking do, by moving every point in turn.
+    /// The effect of click errors, computed by moving each point in turn.
     pub(super) fn inexactness(&self, points: &[PointPair]) -> Inexactness {
         const PLACES: usize = 5;
         let extreme = |axis: usize, pick: fn(f64, f64) -> f64| {
@@ -40,7 +43,7 @@ impl Calibration {
             let (min, max) = (extreme(axis, f64::min), extreme(axis, f64::max));
             min + (max - min) * i as f64 / (PLACES - 1) as f64
         };
-        // Places beyond the horizon have no position; the points have, whatever lies between them.
+        // Places beyond the horizon have no position, but the points themselves have.
         let places: Vec<([f64; 2], FloorPoint)> = (0..PLACES * PLACES)
             .map(|i| [place(i % PLACES, 0), place(i / PLACES, 1)])
             .filter_map(|pixel| Some((pixel, self.to_floor(pixel)?)))
@@ -68,7 +71,7 @@ impl Calibration {
         worst
     }
 
-    /// What a person should know of the positions: how exact they can be, and what is odd about them, a line each.
+    /// Remarks for the user, one per line: the accuracy of positions, and anything implausible.
     #[must_use]
     pub(crate) fn remarks(&self, size: Size) -> Vec<String> {
         let Inexactness { metres, pixels } = self.inexactness;
@@ -94,7 +97,7 @@ impl Calibration {
         remarks
     }
 
-    /// Widths in pixels between which plates of a size are seen in a picture.
+    /// Smallest and largest size in pixels at which plates of a given size appear in the image.
     pub(crate) fn plate_px(&self, plate_mm: f32, size: Size) -> Option<(f64, f64)> {
         const PLACES: usize = 5;
         let place = |i: usize, side: usize| (side - 1) as f64 * i as f64 / (PLACES - 1) as f64;
@@ -120,7 +123,7 @@ mod tests {
     use crate::geometry::calibration::CalibrationError;
     use crate::geometry::calibration::tests::{CORNERS, pairs};
 
-    /// Three of four points near a line: half a pixel decides whether the fourth corner is here or there.
+    /// Three of four points near a line: half a pixel decides on which side the fourth corner is.
     #[test]
     fn points_nearly_on_a_line_are_refused_with_what_they_would_do() {
         let near = [[20.0, 20.0], [160.5, 118.8], [300.0, 220.0], [25.0, 215.0]];

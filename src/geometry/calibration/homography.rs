@@ -1,18 +1,20 @@
-//! The map between two planes seen in perspective: direct linear transform on normalised points (Hartley and Zisserman, "Multiple View
-//! Geometry", algorithm 4.2).
+//! The homography between two planes: direct linear transform on normalised points (Hartley and
+//! Zisserman, "Multiple View Geometry", algorithm 4.2).
 
 use nalgebra::{DMatrix, Matrix3, Point2, Vector3};
 
 use crate::geometry::calibration::{CalibrationError, PointPair};
 
-/// Least second smallest singular value of the equations over the greatest: below, points lie on one line and any map fits.
+/// Minimum ratio of the second smallest singular value of the equations to the largest. Below it,
+/// the points are collinear and any map fits.
 pub(super) const INDEPENDENCE_MIN: f64 = 1e-3;
 
-/// Fits the map to at least four points.
+/// Fits the homography to at least four points.
 pub(super) fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, CalibrationError> {
     let image = normalisation(points.iter().map(|p| p.pixel))?;
     let floor = normalisation(points.iter().map(|p| p.floor))?;
-    // Two equations a point; nine rows at least, so that the decomposition has nine singular values.
+    // Two equations per point; at least nine rows, so that the decomposition has nine singular
+    // values.
     let mut equations = DMatrix::zeros((2 * points.len()).max(9), 9);
     for (i, pair) in points.iter().enumerate() {
         let from = image.transform_point(&Point2::from(pair.pixel));
@@ -42,7 +44,8 @@ pub(super) fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, Calibrati
         .try_inverse()
         .ok_or(CalibrationError::Degenerate(0.0))?;
     let map = back * normalised * image;
-    // The scale is free: let the first point be on the positive side of the horizon.
+    // The scale is free; choose its sign so that the first point is on the positive side of the
+    // horizon.
     let [x, y] = points[0].pixel;
     let side = (map * Vector3::new(x, y, 1.0)).z;
     if side.abs() < f64::EPSILON || !side.is_finite() {
@@ -51,7 +54,7 @@ pub(super) fn homography(points: &[PointPair]) -> Result<Matrix3<f64>, Calibrati
     Ok(map / side)
 }
 
-/// Moves points to the origin and scales their mean distance from it to √2.
+/// Translates points to the origin and scales their mean distance from it to √2.
 fn normalisation(
     points: impl Iterator<Item = [f64; 2]> + Clone,
 ) -> Result<Matrix3<f64>, CalibrationError> {

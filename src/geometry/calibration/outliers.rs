@@ -1,9 +1,10 @@
-//! Which points are wrong where points contradict each other.
+//! Finds the wrong points if the points contradict each other.
 //!
-//! A least-squares fit spreads the error of one point over its neighbours, and a corner, on which nothing else pulls, hides most of
-//! its own: the point with the greatest residual is often another one. So each point is left out in turn, and each pair, and
-//! the fit of the others tells. Of five points it does not, for any four fit: there the camera is taken to look nearly straight
-//! down, and the four are compared with an affine map.
+//! A least-squares fit spreads the error of one point over its neighbours, and a corner point,
+//! which no other point constrains, hides most of its own error: the largest residual is often at
+//! another point. So each point, and each pair of points, is left out in turn, and the fit of the
+//! others is compared. With five points this is impossible, since any four fit. In that case the
+//! camera is assumed to look nearly straight down, and the four are compared with an affine map.
 
 use std::fmt;
 
@@ -11,32 +12,33 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::geometry::calibration::{Calibration, PointPair, RESIDUAL_MAX_PX, root_mean_square};
 
-/// A point is wrong without doubt where the others fit this much better than without any other point.
+/// A point is certainly wrong if the others fit this much better than after leaving out any other
+/// point.
 const CLEARLY_BETTER: f64 = 2.0;
 
 /// The same for the affine maps of five points, which fit no real camera exactly.
 const CLEARLY_BETTER_AFFINE: f64 = 4.0;
 
-/// Pairs are left out only of so many points, which takes some thousand fits.
+/// Pairs are left out for at most this many points, which takes some thousand fits.
 const PAIRS_MAX: usize = 60;
 
-/// Where one point is so far off, pixels, and so many times as far as the others differ, they contradict it although the fit of all is
-/// not bad.
+/// If one point is off by this many pixels, and by this many times the residual of the others, it
+/// contradicts them even if the fit of all is acceptable.
 const OFF_PX: f64 = 10.0;
 const OFF_RATIO: f64 = 20.0;
 
-/// Which points are to blame, counted from 1.
+/// The points at fault, counted from 1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Suspects {
-    /// This one, so many pixels from where the others say it is.
+    /// This point, and its distance in pixels from the position predicted by the others.
     One(usize, f64),
-    /// One of these, it cannot be told which.
+    /// One of these; which one is undetermined.
     OneOf(Vec<usize>),
     /// Both of these.
     Two(usize, usize),
-    /// There are too few points to say more: one of these two of five is the most likely.
+    /// One of these two of five is the most likely; there are too few points for more.
     OneOfFive(usize, usize),
-    /// No one or two; this one has the greatest residual, pixels.
+    /// More than two; this one has the largest residual, pixels.
     Many(usize, f64),
 }
 
@@ -71,13 +73,13 @@ impl fmt::Display for Suspects {
     }
 }
 
-/// What the other points say when some are left out.
+/// The fit without some of the points.
 struct Left {
     out: Vec<usize>,
     rms_px: f64,
 }
 
-/// Who is to blame. `residuals_px` are those of the fit of all.
+/// The points at fault. `residuals_px` are the residuals of the fit of all points.
 pub(super) fn suspects(points: &[PointPair], residuals_px: &[f64]) -> Suspects {
     if points.len() == 5 {
         return one_of_five(points);
@@ -103,7 +105,7 @@ pub(super) fn suspects(points: &[PointPair], residuals_px: &[f64]) -> Suspects {
             _ => Suspects::OneOf(likely),
         };
     }
-    // The others must be six at least: of five, any four fit.
+    // At least six points must remain: of five, any four fit.
     if (8..=PAIRS_MAX).contains(&points.len()) {
         let pairs = (0..points.len()).flat_map(|i| (0..i).map(move |j| vec![j, i]));
         let best = pairs
@@ -122,7 +124,8 @@ pub(super) fn suspects(points: &[PointPair], residuals_px: &[f64]) -> Suspects {
     })
 }
 
-/// Whether one point is far from where all others say it is, although the fit of all of them is not bad.
+/// Whether one point is far from the position predicted by all others, although the fit of all is
+/// acceptable.
 pub(super) fn is_contradicted(points: &[PointPair]) -> bool {
     points.len() > 5
         && (0..points.len()).any(|i| {
@@ -133,12 +136,12 @@ pub(super) fn is_contradicted(points: &[PointPair]) -> bool {
         })
 }
 
-/// The others fit together, and much better than all of them.
+/// Whether the remaining points fit together, and much better than all points.
 fn is_good(fit: &Left, residuals_px: &[f64]) -> bool {
     fit.rms_px <= RESIDUAL_MAX_PX && CLEARLY_BETTER * fit.rms_px < root_mean_square(residuals_px)
 }
 
-/// The fit without some points; `None` where there is none.
+/// The fit without some points; `None` if there is none.
 fn leave_out(points: &[PointPair], out: Vec<usize>) -> Option<Left> {
     let others = without(points, &out);
     let residuals = Calibration::fit_map(&others)
@@ -154,14 +157,14 @@ fn without(points: &[PointPair], out: &[usize]) -> Vec<PointPair> {
     others.map(|(_, pair)| *pair).collect()
 }
 
-/// How far a point is from where the others say it is, in the picture.
+/// Distance in the image between a point and its position predicted by the others.
 fn off_px(points: &[PointPair], point: usize) -> Option<f64> {
     let others = Calibration::fit_map(&without(points, &[point])).ok()?;
     let residuals = others.residuals_px(&points[point..=point]).ok()?;
     residuals.first().copied().filter(|px| px.is_finite())
 }
 
-/// Which of five points is the odd one where the camera looks nearly straight down.
+/// The outlier of five points for a camera that looks nearly straight down.
 fn one_of_five(points: &[PointPair]) -> Suspects {
     let mut scores: Vec<(usize, f64)> = (0..points.len())
         .map(|i| (i, affine_residual_px(&without(points, &[i]))))
@@ -170,7 +173,7 @@ fn one_of_five(points: &[PointPair]) -> Suspects {
     let [(first, best), (second, next), ..] = scores[..] else {
         return Suspects::Many(1, f64::NAN);
     };
-    // Four that are no plane's picture at all are no evidence.
+    // Four points that no plane fits are no evidence.
     if CLEARLY_BETTER_AFFINE * best < next && best <= RESIDUAL_MAX_PX {
         let off = off_px(points, first).unwrap_or(next);
         return Suspects::One(first + 1, off);
@@ -178,7 +181,7 @@ fn one_of_five(points: &[PointPair]) -> Suspects {
     Suspects::OneOfFive(first.min(second) + 1, first.max(second) + 1)
 }
 
-/// Root mean square of what an affine map from floor to picture leaves.
+/// RMS residual of an affine map from floor to image.
 fn affine_residual_px(points: &[PointPair]) -> f64 {
     let n = points.len();
     let floor = DMatrix::from_fn(n, 3, |row, column| {
@@ -200,7 +203,7 @@ mod tests {
     use super::*;
     use crate::geometry::calibration::CalibrationError;
 
-    /// A camera, tilted by so much, a hundred pixels a metre; clicks are half a pixel off at most.
+    /// A camera with a tilt, a hundred pixels per metre; click errors are at most half a pixel.
     fn clicked(pixels: &[[f64; 2]], tilt: f64) -> Vec<PointPair> {
         let floor = |[x, y]: [f64; 2]| {
             let w = 1.0 + tilt * (0.5 * x - y);
@@ -233,7 +236,7 @@ mod tests {
         [320.0, 40.0],
     ];
 
-    /// Of six points every one is found, wherever it was moved to.
+    /// Each of six points is found, wherever it was moved to.
     #[test]
     fn the_wrong_one_of_six_is_named() {
         for tilt in [0.0, 2e-4] {
@@ -267,7 +270,7 @@ mod tests {
         points[2].pixel[0] += 25.0;
         points[6].pixel[1] -= 40.0;
         assert_eq!(blamed(&points), Suspects::Two(3, 7));
-        // In another order of half of them nobody can be blamed.
+        // With half of them in another order, no point can be singled out.
         let mut points = clicked(&grid, 1e-4);
         for i in 0..4 {
             let floor = points[i].floor;
@@ -291,17 +294,17 @@ mod tests {
             "{:?}",
             blamed(&points)
         );
-        // With the fifth in the middle of two corners the others are as likely as each other.
+        // With the fifth point midway between two corners, the others are equally likely.
         let mut points = clicked(&SIX[..5], 0.0);
         points[1].pixel[0] += 30.0;
         points[1].pixel[1] += 30.0;
         assert_eq!(blamed(&points), Suspects::OneOfFive(2, 4));
         let mut points = clicked(&SIX[..5], 3e-4);
         points[4].pixel[1] += 30.0;
-        let said = blamed(&points).to_string();
+        let message = blamed(&points).to_string();
         assert!(
-            said.contains(" or point ") && said.contains("a sixth"),
-            "{said}"
+            message.contains(" or point ") && message.contains("a sixth"),
+            "{message}"
         );
     }
 }

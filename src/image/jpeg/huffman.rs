@@ -1,25 +1,26 @@
-//! Huffman tables: the standard's (T.81, K.3), and any as a table to look codes up in.
+//! Huffman tables: those of the standard (T.81, K.3), and lookup tables for any code.
 
 use crate::image::jpeg::HUFFMAN_TABLES;
 
-/// Bits of the codes that one look into a table decodes. All that are frequent are shorter.
+/// Maximum code length that a single lookup decodes. All frequent codes are shorter.
 const LOOKUP_BITS: u32 = 9;
 
-/// One Huffman table, to decode with.
+/// A Huffman table for decoding.
 #[derive(Clone)]
 pub(super) struct Table {
-    /// By the next bits: length of the code that they begin with, times 256, and its symbol; 0 where it is longer.
+    /// Indexed by the next bits: the length of the code they start with times 256, plus its symbol;
+    /// 0 if the code is longer.
     lookup: [u16; 1 << LOOKUP_BITS],
-    /// By length: the first code that is too large for it, moved up to 16 bits.
+    /// Indexed by length: the first code that is too large, shifted up to 16 bits.
     limit: [u32; 17],
-    /// By length: what is to be added to a code to find its symbol.
+    /// Indexed by length: the offset from a code to the index of its symbol.
     offset: [i32; 17],
     symbols: Vec<u8>,
 }
 
 impl Table {
-    /// The table with so many codes of each length from 1 to 16, which stand for these symbols; `None` when there are more codes
-    /// than bits allow, or not as many symbols as codes.
+    /// The table with the given number of codes of each length from 1 to 16, and their symbols;
+    /// `None` if there are more codes than the lengths allow, or the number of symbols differs.
     fn new(counts: &[u8; 16], symbols: &[u8]) -> Option<Self> {
         let mut table = Self {
             lookup: [0; 1 << LOOKUP_BITS],
@@ -50,7 +51,7 @@ impl Table {
         Some(table)
     }
 
-    /// Length and symbol of the code with which 16 bits begin; `None` when no code is like them.
+    /// Length and symbol of the code at the start of 16 bits; `None` if there is no such code.
     #[inline]
     pub(super) fn decode(&self, bits: u32) -> Option<(u32, u8)> {
         let entry = self.lookup[(bits >> (16 - LOOKUP_BITS)) as usize & ((1 << LOOKUP_BITS) - 1)];
@@ -64,10 +65,10 @@ impl Table {
     }
 }
 
-/// The tables that are in use at some place of a picture: for DC and for AC, four each.
+/// The current tables: four each for DC and AC.
 pub(super) type Tables = [[Option<Table>; 4]; 2];
 
-/// Takes in the content of a segment that defines tables; `None` when it is damaged.
+/// Reads a segment that defines tables; `None` if it is damaged.
 pub(super) fn define(tables: &mut Tables, mut content: &[u8]) -> Option<()> {
     while let Some((&id, rest)) = content.split_first() {
         let (counts, rest) = rest.split_first_chunk::<16>()?;
@@ -82,10 +83,11 @@ pub(super) fn define(tables: &mut Tables, mut content: &[u8]) -> Option<()> {
     Some(())
 }
 
-/// Symbols of the standard's Huffman tables by length of their codes, from 1 bit (T.81, tables K.3 to K.6).
+/// Symbols of the standard's Huffman tables by code length, from 1 bit (T.81, tables K.3 to K.6).
 ///
-/// For the AC tables, 16-bit codes are not listed: they stand for all other symbols, in ascending order. The symbols are those
-/// of baseline coding: end of block (00), sixteen zeros (f0), and run of zeros 0 to 15 times magnitude category 1 to 10.
+/// For the AC tables, 16-bit codes are not listed: they stand for all other symbols, in ascending
+/// order. The symbols are those of baseline coding: end of block (00), sixteen zeros (f0), and run
+/// of zeros 0 to 15 times magnitude category 1 to 10.
 const DC_LUMA: [&[u8]; 9] = [
     &[],
     &[0],
@@ -145,10 +147,10 @@ const AC_CHROMA: [&[u8]; 15] = [
     &[0x25, 0xf1],
 ];
 
-/// One segment that defines all four standard tables.
+/// A segment that defines all four standard tables.
 pub(super) fn standard_tables() -> Vec<u8> {
     let mut tables = Vec::with_capacity(418);
-    // Class (0 DC, 1 AC) and number of each table.
+    // Class (0 DC, 1 AC) and index of each table.
     for (id, by_length) in [
         (0x00, &DC_LUMA[..]),
         (0x10, &AC_LUMA),

@@ -1,8 +1,10 @@
-//! Reads the coded data of a scan without decoding pixels: whether they are all there, and where they end.
+//! Reads the coded data of a scan without decoding pixels, to check that they are complete and find
+//! their end.
 //!
-//! Decoders fill in what lacks with grey, silently when an end marker follows. Whether it lacks can only be told by reading
-//! every code (T.81, F.2 and G.2), which is what [`read`] does. It keeps no coefficient, only, for progressive pictures, which of
-//! them are not zero: a refinement has a bit for each of these.
+//! Decoders fill missing data with grey, silently if an end marker follows. The only way to detect
+//! this is to read every code (T.81, F.2 and G.2), as [`read`] does. It does not store
+//! coefficients. For progressive images it stores which ones are not zero, because a refinement
+//! scan has one bit for each of these.
 
 use std::ops::Range;
 
@@ -10,27 +12,27 @@ use imgproc::Size;
 
 use crate::image::jpeg::huffman::{Table, Tables};
 
-/// How the pixels of a picture are coded, by its frame header.
+/// Coding of the pixels, from the frame header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Coding {
     Sequential,
     Progressive,
-    /// Arithmetic, lossless or hierarchical coding, which nothing here reads.
+    /// Arithmetic, lossless or hierarchical coding, which is not supported.
     Other,
 }
 
-/// A colour component of the frame header, and what of it was read so far.
+/// A colour component of the frame header, and what has been read of it so far.
 pub(super) struct Component {
     id: u8,
-    /// Samples in the width and the height of a minimum coded unit, in blocks.
+    /// Horizontal and vertical sampling factors: blocks per minimum coded unit.
     sampling: Size,
-    /// Blocks of the component in a scan of its own.
+    /// Number of blocks of the component in a scan of its own.
     blocks: Size,
     /// Blocks in a row of [`Component::nonzero`].
     stride: usize,
-    /// Of a progressive picture, a bit for each coefficient of each block that is not zero.
+    /// For a progressive image, one bit for each coefficient of each block, set if it is not zero.
     nonzero: Vec<u64>,
-    /// The lowest bit of each coefficient that was read; [`UNREAD`] before.
+    /// The lowest bit read so far of each coefficient, initially [`UNREAD`].
     lowest_bit: [u8; 64],
 }
 
@@ -41,21 +43,21 @@ pub(super) struct FrameHeader {
     pub(super) size: Size,
     pub(super) coding: Coding,
     components: Vec<Component>,
-    /// Minimum coded units of a scan with several components.
+    /// Number of minimum coded units in a scan with several components.
     units: Size,
 }
 
-/// Why the data of a scan are not good.
+/// Faults of the data of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ScanError {
-    /// They end before the last block.
+    /// The data end before the last block.
     Short,
-    /// They are no such data; why, in a few words.
+    /// The data are invalid; a short reason.
     Damaged(&'static str),
 }
 
 impl FrameHeader {
-    /// Reads the content of a frame header's segment; `None` when it is damaged or the picture has no pixels.
+    /// Parses a frame header segment; `None` if it is damaged or the image has no pixels.
     pub(super) fn parse(marker: u8, content: &[u8]) -> Option<Self> {
         let coding = match marker {
             0xc0 | 0xc1 => Coding::Sequential,
@@ -115,7 +117,7 @@ impl FrameHeader {
         })
     }
 
-    /// Whether every coefficient was read to its last bit. Says nothing of codings that are not read here.
+    /// Whether every coefficient was read to its last bit. Not meaningful for unsupported codings.
     pub(super) fn is_complete(&self) -> bool {
         let mut components = self.components.iter();
         self.coding == Coding::Other || components.all(|c| c.lowest_bit == [0; 64])
@@ -134,16 +136,16 @@ struct Part<'a> {
     ac: Option<&'a Table>,
 }
 
-/// Which bits of which coefficients a scan has.
+/// The coefficients of a scan, and their bits.
 struct Band {
     coefficients: Range<usize>,
-    /// Bits above this one were sent before; none if 0.
+    /// Bits from this one up were sent before; none if 0.
     high: u8,
     low: u8,
 }
 
-/// Reads the data of a scan, which begin at `at`, and gives the place after them. Stretches that belong to nothing are added to
-/// `junk`: bytes behind the last code before a marker, and fill bytes before a restart marker.
+/// Reads the data of a scan from `at`, and returns the position after them. Stray bytes are added
+/// to `junk`: those after the last code before a marker, and fill bytes before a restart marker.
 pub(super) fn read(
     jpeg: &[u8],
     at: usize,
@@ -220,12 +222,13 @@ fn parse_header<'a>(
     let is_possible = start < end
         && end <= 64
         && (1..=4).contains(&parts.len())
-        // A progressive scan has the DC coefficients of several components, or other coefficients of one.
+        // A progressive scan has the DC coefficients of several components, or AC coefficients of
+        // one.
         && (frame.coding != Coding::Progressive || end == 1 || (start > 0 && parts.len() == 1));
     is_possible.then_some((parts, band))
 }
 
-/// Reads one minimum coded unit; `None` when a code has no meaning.
+/// Reads one minimum coded unit; `None` if a code is invalid.
 fn read_unit(
     bits: &mut Bits,
     frame: &mut FrameHeader,
@@ -270,7 +273,7 @@ fn read_dc(bits: &mut Bits, dc: &Table) -> Option<()> {
     Some(())
 }
 
-/// All coefficients of a block of a sequential picture.
+/// Reads all coefficients of a block of a sequential image.
 fn read_block(bits: &mut Bits, dc: &Table, ac: &Table) -> Option<()> {
     read_dc(bits, dc)?;
     let mut k = 1;
@@ -287,7 +290,7 @@ fn read_block(bits: &mut Bits, dc: &Table, ac: &Table) -> Option<()> {
     (k == 64).then_some(())
 }
 
-/// The upper bits of a band of a block (T.81, G.1.2.2).
+/// Reads the upper bits of a band of a block (T.81, G.1.2.2).
 fn read_first(
     bits: &mut Bits,
     ac: &Table,
@@ -320,7 +323,7 @@ fn read_first(
     (k == band.end).then_some(())
 }
 
-/// One more bit of a band of a block (T.81, G.1.2.3).
+/// Reads one more bit of a band of a block (T.81, G.1.2.3).
 fn read_refinement(
     bits: &mut Bits,
     ac: &Table,
@@ -369,16 +372,17 @@ fn read_refinement(
     Some(())
 }
 
-/// The bits of coded data, from one restart marker to the next. After their end come zeros, without end.
+/// Bit reader for coded data between two restart markers. After the end it returns zeros.
 struct Bits<'a> {
     jpeg: &'a [u8],
-    /// The next byte that is not in the buffer.
+    /// Position of the next byte that is not in the buffer.
     at: usize,
-    /// The next bits, from the highest on.
+    /// The next bits, highest first.
     buffer: u64,
-    /// Bits in the buffer.
+    /// Number of bits in the buffer.
     n_bits: u32,
-    /// Of these, zeros that the data do not have. More than `n_bits` when some of them were taken.
+    /// Number of these bits that are padding after the end. More than `n_bits` if some of them were
+    /// consumed.
     n_missing: u32,
 }
 
@@ -393,7 +397,7 @@ impl<'a> Bits<'a> {
         }
     }
 
-    /// The symbol of the next code; 16 bits or more are in the buffer afterwards.
+    /// The symbol of the next code; afterwards the buffer has at least 16 bits.
     #[inline]
     fn decode(&mut self, table: &Table) -> Option<u8> {
         if self.n_bits < 32 {
@@ -404,14 +408,14 @@ impl<'a> Bits<'a> {
         Some(symbol)
     }
 
-    /// Takes bits that are in the buffer.
+    /// Consumes bits that are in the buffer.
     #[inline]
     fn skip(&mut self, n: u32) {
         self.buffer <<= n;
         self.n_bits -= n;
     }
 
-    /// The next bits as a number, at most 16.
+    /// Returns the next `n` bits as a number, at most 16.
     #[inline]
     fn take(&mut self, n: u32) -> u32 {
         if n == 0 {
@@ -420,16 +424,16 @@ impl<'a> Bits<'a> {
         if self.n_bits < 32 {
             self.fill();
         }
-        let taken = (self.buffer >> (64 - n)) as u32;
+        let bits = (self.buffer >> (64 - n)) as u32;
         self.skip(n);
-        taken
+        bits
     }
 
     fn ran_out(&self) -> bool {
         self.n_missing > self.n_bits
     }
 
-    /// Fills the buffer to 32 bits or more.
+    /// Fills the buffer to at least 32 bits.
     fn fill(&mut self) {
         if let Some(next) = self.jpeg.get(self.at..).and_then(<[u8]>::first_chunk::<4>)
             && !next.contains(&0xff)
@@ -449,7 +453,8 @@ impl<'a> Bits<'a> {
         }
     }
 
-    /// The next byte of the data; `None` at a marker or at the end. A byte of 255 is followed by a 0 that does not count.
+    /// The next byte of the data; `None` at a marker or at the end. The 0 after a byte of 255 is
+    /// skipped.
     fn next_byte(&mut self) -> Option<u8> {
         let &byte = self.jpeg.get(self.at)?;
         if byte != 0xff {
@@ -463,7 +468,7 @@ impl<'a> Bits<'a> {
         Some(byte)
     }
 
-    /// First byte behind the last code.
+    /// Position after the last code.
     fn end_of_codes(&self) -> usize {
         let n_buffered = self.n_bits.saturating_sub(self.n_missing) / 8;
         (0..n_buffered).fold(self.at, |at, _| {
@@ -472,7 +477,7 @@ impl<'a> Bits<'a> {
         })
     }
 
-    /// Goes on behind the restart marker with this number.
+    /// Continues after the restart marker with this number.
     fn restart(&mut self, number: u8, junk: &mut Vec<Range<usize>>) -> Result<(), ScanError> {
         let end = self.end_of_codes();
         let at = next_marker(self.jpeg, end);
@@ -488,11 +493,11 @@ impl<'a> Bits<'a> {
         Ok(())
     }
 
-    /// The place of the marker that ends the scan, or the end of the picture.
+    /// Position of the marker that ends the scan, or the end of the image.
     fn finish(self, junk: &mut Vec<Range<usize>>) -> usize {
         let end = self.end_of_codes();
         let mut at = next_marker(self.jpeg, end);
-        // Some write a restart marker behind the last unit, too.
+        // Some encoders also write a restart marker after the last unit.
         while let Some(0xd0..=0xd7) = self.jpeg.get(at + 1) {
             at = next_marker(self.jpeg, at + 2);
         }
@@ -503,7 +508,7 @@ impl<'a> Bits<'a> {
     }
 }
 
-/// Where the first marker begins, not counting the fill bytes before it, or the end of the picture.
+/// Position of the first marker, after its fill bytes, or the end of the image.
 pub(super) fn next_marker(jpeg: &[u8], mut at: usize) -> usize {
     loop {
         let Some(rest) = jpeg.get(at..) else {

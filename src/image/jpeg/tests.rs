@@ -2,7 +2,7 @@ use super::*;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use proptest::prelude::*;
 
-/// What the decoder is given.
+/// The input of the decoder.
 fn complete(jpeg: &[u8]) -> Result<Cow<'_, [u8]>, JpegError> {
     walk(jpeg).map(|layout| mended(jpeg, &layout))
 }
@@ -12,7 +12,7 @@ const SIZE: Size = Size {
     height: 21,
 };
 
-/// A picture with the standard's tables, as this encoder writes them unless asked to optimise.
+/// An image with the standard tables, which this encoder uses unless asked to optimise.
 fn encode(color: ColorType, sampling: SamplingFactor) -> Vec<u8> {
     encode_with(color, sampling, |_| {})
 }
@@ -42,7 +42,7 @@ fn encode_with(
     jpeg
 }
 
-/// What a Motion-JPEG camera sends: no Huffman tables.
+/// An image as sent by a Motion-JPEG camera: without Huffman tables.
 fn without_tables(jpeg: &[u8]) -> Vec<u8> {
     let mut stripped = jpeg[..2].to_vec();
     let mut at = 2;
@@ -115,7 +115,7 @@ fn another_size_is_refused_with_both() {
     );
 }
 
-/// Pictures in every way in which they can be coded here: sampling, restart markers, several scans.
+/// Images in every supported coding: sampling, restart markers, several scans.
 fn codings() -> Vec<Vec<u8>> {
     let mut pictures = Vec::new();
     for sampling in [
@@ -181,7 +181,7 @@ fn a_missing_end_marker_is_put_back_for_others() {
     assert_eq!(decode_rgb(&mended, SIZE), decode_rgb(&jpeg, SIZE));
 }
 
-/// The places of the restart markers.
+/// Positions of the restart markers.
 fn restart_markers(jpeg: &[u8]) -> Vec<usize> {
     let is_one = |&at: &usize| jpeg[at] == 0xff && (0xd0..=0xd7).contains(&jpeg[at + 1]);
     (600..jpeg.len() - 1).filter(is_one).collect()
@@ -241,7 +241,7 @@ fn a_header_may_not_claim_everything() {
         };
         assert_eq!(size(&jpeg), Err(JpegError::TooLarge { claimed }));
     }
-    // A size that is possible is not believed either, without the data of so many pixels.
+    // A possible size is rejected too if the data for that many pixels are missing.
     jpeg[header + 5..header + 9].copy_from_slice(&[0x1f, 0xf0, 0x1f, 0xf0]);
     assert!(matches!(size(&jpeg), Err(JpegError::Truncated { .. })));
 }

@@ -1,7 +1,7 @@
-//! The picture of a drawing, as a renderer makes it: what it shows decides what the marker is.
+//! The rendered image of a drawing, which decides what the marker is.
 //!
-//! The plate is drawn large on white, with a margin in which what reaches out of the plate is seen. A pixel's darkness is
-//! measured between the drawing's own paper and ink: 0 and 1.
+//! The plate is rendered large on white, with a margin that shows whatever extends beyond the
+//! plate. The darkness of a pixel is 0 for the drawing's own paper and 1 for its ink.
 
 use std::ops::Range;
 
@@ -12,33 +12,36 @@ use resvg::tiny_skia::{Color, Pixmap, Transform};
 use crate::geometry::raster::fill_polygon;
 use crate::marker::drawing::content::luma;
 
-/// Pixels of the side of the plate where a picture is compared with an outline, and where an outline is taken from it.
+/// Side of the plate in pixels, for comparing an image with an outline, and for tracing an outline.
 pub(super) const COMPARED: usize = 1024;
 pub(super) const TRACED: usize = 2048;
 
-/// Pixels of the margin, as a share of the plate's: one in so many.
+/// The margin is the plate's side divided by this.
 const MARGIN: usize = 32;
 
-/// What is smaller than this, in shares of the plate's area, is dust: a square of a 256th of its side.
+/// Regions smaller than this, in units of the plate's area, are ignored: a square of a 256th of its
+/// side.
 const DUST: f32 = 1.0 / 65_536.0;
 
-/// Darkness may be so far from 0 and from 1.
+/// Tolerance of the darkness around 0 and 1.
 const TONE: f32 = 0.25;
 
-/// By how much the darkness of a pixel may differ from what an outline covers of it. The renderer looks at four by four points
-/// of a pixel, so that up to an eighth of every border is rounding.
+/// Tolerance between the darkness of a pixel and its coverage by an outline. The renderer samples
+/// four by four points of a pixel, so at a border up to an eighth is rounding.
 const COVERAGE: f32 = 0.25;
 
-/// The same for a shape that is drawn twice: on a border pixel the second covers part of what the first left.
+/// The same for a shape that is drawn twice: the second layer covers part of what the first left of
+/// a border pixel.
 const COVERAGE_TWICE: f32 = 0.5;
 
-/// What reaches out of the plate by no more than this, as a share of its side, is rounding.
+/// Maximum rounding error by which a shape may extend beyond the plate, as a share of its side.
 const REACH: f32 = 0.002;
 
-/// Distance of a simplified outline from the traced one, pixels of [`TRACED`]: a hundredth of a pixel where a plate is 100 wide.
+/// Distance of a simplified outline from the traced one, pixels of [`TRACED`]: a hundredth of a
+/// pixel on a plate 100 pixels wide.
 const TOLERANCE: f32 = 0.2;
 
-/// What is seen on the plate and its margin.
+/// The rendered plate and its margin.
 pub(super) struct Canvas {
     per_plate: usize,
     margin: usize,
@@ -48,12 +51,12 @@ pub(super) struct Canvas {
     ink: f32,
 }
 
-/// What is dark in a picture.
+/// The dark regions of an image.
 #[derive(Debug, PartialEq)]
 pub(super) struct Figures {
-    /// Dark regions on the plate.
+    /// Number of dark regions on the plate.
     pub(super) regions: usize,
-    /// Light regions inside them.
+    /// Number of light regions inside them.
     pub(super) holes: usize,
     pub(super) reaches_out: bool,
     /// The border of the plate is dark.
@@ -63,7 +66,7 @@ pub(super) struct Figures {
 }
 
 impl Canvas {
-    /// Draws a tree. `None` where it shows nothing dark.
+    /// Renders a tree. `None` if nothing is dark.
     pub(super) fn draw(tree: &usvg::Tree, per_plate: usize) -> Option<Self> {
         let margin = per_plate / MARGIN;
         let side = per_plate + 2 * margin;
@@ -120,9 +123,9 @@ impl Canvas {
         (self.paper + self.ink) / 2.0
     }
 
-    /// Whether some of the plate is neither paper nor ink, apart from the borders between them.
+    /// Whether part of the plate is neither paper nor ink, apart from the borders between them.
     pub(super) fn has_half_tones(&self) -> bool {
-        // A border is a pixel wide: paper and ink are both near.
+        // A border is one pixel wide: paper and ink are both close.
         const NEAR: usize = 2;
         let side = self.size.width;
         let mut count = 0.0;
@@ -198,7 +201,7 @@ impl Canvas {
                 });
             }
         }
-        // What is light and not joined to the border of the picture is a hole.
+        // A light region not connected to the border of the image is a hole.
         let mut unseen: Vec<bool> = dark.iter().map(|dark| !dark).collect();
         for start in 0..dark.len() {
             if !unseen[start] {
@@ -214,8 +217,8 @@ impl Canvas {
         figures
     }
 
-    /// Whether the picture shows just what an outline covers, drawn once or `twice`. The outline is in units of the plate's side from its
-    /// centre.
+    /// Whether the image shows exactly the area of an outline, drawn once or `twice`. The outline
+    /// is in units of the plate's side from its centre.
     pub(super) fn shows(&self, outline: &[[f32; 2]], twice: bool) -> bool {
         let max = if twice { COVERAGE_TWICE } else { COVERAGE };
         let from_plate = |c: f32| (c + 0.5) * self.per_plate as f32 + self.margin as f32 - 0.5;
@@ -246,7 +249,7 @@ impl Canvas {
     }
 }
 
-/// The level that half of the counted are below.
+/// Median of a histogram.
 fn median(counts: &[usize]) -> usize {
     let half = counts.iter().sum::<usize>() / 2;
     let mut sum = 0;
@@ -257,8 +260,8 @@ fn median(counts: &[usize]) -> usize {
     counts.iter().position(reached).unwrap_or(counts.len() - 1)
 }
 
-/// Clears what is set around `start` and joined to it, by sides or, where `diagonal`, by corners too, and calls `visit` with the
-/// column and row of each.
+/// Clears the set pixels connected to `start`, by sides or, if `diagonal`, also by corners, and
+/// calls `visit` with the column and row of each.
 fn flood(
     set: &mut [bool],
     side: usize,
@@ -292,7 +295,8 @@ fn flood(
     }
 }
 
-/// The corners of a closed line that keeps within [`TOLERANCE`] of another one (Douglas and Peucker 1973).
+/// The corners of a closed line that stays within [`TOLERANCE`] of another one (Douglas and Peucker
+/// 1973).
 fn simplified(line: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let n = line.len();
     let at = |i: usize| line[i % n];

@@ -1,5 +1,5 @@
-//! What a drawing consists of, as `usvg` resolved it: the outlines of its dark fills, and all that may make the picture differ from
-//! them.
+//! The content of a drawing as resolved by `usvg`: the outlines of its dark fills, and everything
+//! that may make the image differ from them.
 
 use usvg::filter::{Filter, Kind};
 use usvg::tiny_skia_path::{PathSegment, Point, Rect};
@@ -7,29 +7,32 @@ use usvg::{Group, Node, Paint, Path};
 
 use crate::marker::drawing::{Reason, unread};
 
-/// Straight pieces that replace one curve of a path.
+/// Number of line segments that approximate a curve.
 const PIECES_PER_CURVE: usize = 24;
 
-/// An outline of less area, in units of the plate, draws nothing: a line that is filled, a move at the end of a path.
+/// Outlines with a smaller area, in units of the plate, are ignored: a filled line, a move at the
+/// end of a path.
 const AREA_MIN: f32 = 1e-6;
 
-/// What takes less of the light than this is not seen.
+/// A fill that darkens by less than this is invisible.
 const FAINT: f32 = 0.02;
 
-/// A stroke that changes the light by less than this is a guide.
+/// A stroke that changes the brightness by less than this is a guide line.
 const FAINT_STROKE: f32 = 0.25;
 
-/// Shapes and groups that are drawn at most, those in masks, patterns and clip paths included: a marker has few, and every one may cost
-/// a millisecond.
+/// Maximum number of shapes and groups, including those in masks, patterns and clip paths. A marker
+/// has few, and each may cost a millisecond.
 const NODES_MAX: usize = 2000;
 
-/// Groups within groups that need a picture of their own, for an opacity or a mask; others are gone.
+/// Maximum nesting depth of groups that need an image of their own, for an opacity or a mask; other
+/// groups are already resolved.
 const DEPTH_MAX: usize = 24;
 
-/// A group that needs a picture of its own may be so many times as large as the plate: pixels are counted in 32 bits.
+/// Maximum size of a group that needs an image of its own, in plates: pixels are counted in 32
+/// bits.
 const SIZE_MAX: f32 = 10_000.0;
 
-/// Something besides plain fills.
+/// An element other than a plain fill.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Feature {
     pub(super) what: &'static str,
@@ -37,24 +40,25 @@ pub(super) struct Feature {
     pub(super) remedy: &'static str,
 }
 
-/// What is on the plate.
+/// The content of the plate.
 #[derive(Debug, Default)]
 pub(super) struct Content {
-    /// Dark fills, all that draw something, curves as straight pieces, in units of the plate's side from its centre.
+    /// Visible dark fills, with curves as line segments, in units of the plate's side from its
+    /// centre.
     pub(super) outlines: Vec<Vec<[f32; 2]>>,
-    /// Whether one of them is drawn twice, and its borders are darker for it.
+    /// Whether one of them is drawn twice, which makes its borders darker.
     pub(super) is_drawn_again: bool,
-    /// What is shown and cannot be drawn here: text, pictures.
+    /// Visible content that is not supported: text, pictures.
     pub(super) unread: Option<Feature>,
     /// The first stroke that may change the shape.
     pub(super) stroke: Option<Feature>,
     /// The first filter.
     pub(super) filter: Option<Feature>,
-    /// The first of everything else that may give half-tones.
+    /// The first other element that may cause half-tones.
     pub(super) shading: Option<Feature>,
-    /// Opacity of the darkest fill that is light for its opacity alone.
+    /// Opacity of the darkest fill that is light only because of its opacity.
     pub(super) faint: Option<f32>,
-    /// Whether something dark came before, in the order of drawing.
+    /// Whether something dark has been drawn so far.
     pub(super) has_dark: bool,
 }
 
@@ -68,12 +72,12 @@ impl Content {
     }
 }
 
-/// Refuses what would take minutes or gigabytes to draw.
+/// Rejects files that would take minutes or gigabytes to render.
 pub(super) fn refuse_endless(tree: &usvg::Tree) -> Result<(), Reason> {
     let mut left = NODES_MAX;
     let largest = SIZE_MAX * tree.size().width().max(tree.size().height());
     refuse_endless_group(tree.root(), largest, 0, &mut left)?;
-    // Of these, one number decides how long a pixel takes.
+    // For these filters, one number determines the time per pixel.
     let is_slow = |filter: &&std::sync::Arc<Filter>| {
         filter.primitives().iter().any(|primitive| {
             matches!(
@@ -97,7 +101,7 @@ pub(super) fn refuse_endless(tree: &usvg::Tree) -> Result<(), Reason> {
     }
 }
 
-/// `left` is how many nodes there may still be, `largest` how wide and high a group may be.
+/// `left` is the number of nodes still allowed, `largest` the maximum width and height of a group.
 fn refuse_endless_group(
     group: &Group,
     largest: f32,
@@ -137,7 +141,7 @@ fn refuse_endless_group(
     Ok(())
 }
 
-/// The plate that content is looked for on, in units of the tree.
+/// The plate to search for content, in units of the tree.
 struct Walk {
     width: f32,
     height: f32,
@@ -181,7 +185,7 @@ impl Walk {
                 Node::Group(group) => self.group(group, opacity, content),
                 Node::Path(path) if path.is_visible() => self.path(path, opacity, content),
                 Node::Image(image) if image.is_visible() => self.image(image, group, content),
-                // Text stays away from the tree, and is found as a path.
+                // Text is not in the tree itself; it is found as a path.
                 Node::Path(_) | Node::Image(_) | Node::Text(_) => {}
             }
         }
@@ -245,7 +249,7 @@ impl Walk {
         if let Some(stroke) = stroke {
             let opacity = opacity * stroke.opacity().get();
             let dark = paint_luma(stroke.paint()).is_none_or(|luma| luma < 1.0 - FAINT_STROKE);
-            // A light one changes nothing on white, but eats into what is dark below it.
+            // A light stroke is invisible on white, but cuts into dark shapes below it.
             if opacity > FAINT_STROKE && (dark || content.has_dark) {
                 let stroke = named("a stroke", "convert it into a filled path");
                 content.stroke.get_or_insert(stroke);
@@ -253,7 +257,7 @@ impl Walk {
         }
     }
 
-    /// Adds the outlines of a path that draw something and are not there yet.
+    /// Adds the visible outlines of a path that are not yet included.
     fn outlines(&self, path: &Path, content: &mut Content) {
         for mut outline in flatten(path) {
             for point in &mut outline {
@@ -275,7 +279,7 @@ impl Walk {
     }
 }
 
-/// Light of a plain paint on white, 0 to 1.
+/// Luma of a plain paint on white, 0 to 1.
 fn paint_luma(paint: &Paint) -> Option<f32> {
     match paint {
         Paint::Color(colour) => Some(luma([colour.red, colour.green, colour.blue]) / 255.0),
@@ -290,22 +294,22 @@ fn paint_name(paint: &Paint) -> &'static str {
     }
 }
 
-/// How bright a colour looks, 0 to 255.
+/// Luma of a colour, 0 to 255.
 pub(super) fn luma([red, green, blue]: [u8; 3]) -> f32 {
     (299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue)) as f32 / 1000.0
 }
 
-/// What light of a paint of an opacity comes from white paper.
+/// Luma of a paint with an opacity on white paper.
 fn darkened(luma: f32, opacity: f32) -> f32 {
     1.0 - opacity * (1.0 - luma)
 }
 
-/// Nearer to black than to white.
+/// Closer to black than to white.
 fn is_dark(luma: f32) -> bool {
     luma < 128.0 / 255.0
 }
 
-/// The corners of a path's outlines, curves as straight pieces, in units of the tree.
+/// The corners of a path's outlines, with curves as line segments, in units of the tree.
 fn flatten(path: &Path) -> Vec<Vec<[f32; 2]>> {
     let mut outlines: Vec<Vec<Point>> = Vec::new();
     for segment in path.data().segments() {
@@ -336,7 +340,7 @@ fn flatten(path: &Path) -> Vec<Vec<[f32; 2]>> {
     outlines.into_iter().map(plain).collect()
 }
 
-/// A point of a Bézier curve, by de Casteljau's repeated interpolation.
+/// A point of a Bézier curve, by de Casteljau's algorithm.
 fn bezier(controls: &[Point], t: f32) -> Point {
     match controls {
         [] => Point::zero(),

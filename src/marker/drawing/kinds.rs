@@ -1,4 +1,5 @@
-//! Drawings as programs write them: each shows a plain arrow, shows another shape, or is refused for a reason.
+//! Drawings as written by various programs: each shows a plain arrow or another shape, or is
+//! rejected with a reason.
 
 use super::*;
 
@@ -57,7 +58,7 @@ fn what_is_not_seen_changes_nothing() {
         r#"<style>/* path:nth-child(2){} */ @charset "utf-8"; .a>path{fill:red}</style>"#,
         r#"<switch><foreignObject requiredExtensions="http://ns.adobe.com/AdobeIllustrator/10.0/" width="1" height="1"/><g/></switch>"#,
     ] {
-        // Before the arrow and after it, but white covers what is below it.
+        // Before the arrow and after it, except that white covers what is below it.
         for content in [format!("{extra}{ARROW}"), format!("{ARROW}{extra}")] {
             if !(extra.contains("fill=\"#fff\"") && content.starts_with(ARROW)) {
                 assert_eq!(read(&content).as_ref(), Ok(&plain), "{content}");
@@ -66,7 +67,7 @@ fn what_is_not_seen_changes_nothing() {
     }
 }
 
-/// The arrow itself, written in other ways.
+/// The arrow itself, expressed in other ways.
 #[test]
 fn a_shape_may_be_written_in_many_ways() {
     let plain = area(&read(ARROW).expect("a plain arrow"));
@@ -91,7 +92,7 @@ fn a_shape_may_be_written_in_many_ways() {
         format!(r##"<linearGradient id="g"><stop stop-color="#000"/><stop offset="1" stop-color="#111"/></linearGradient><path fill="url(#g)" d="{d}"/>"##),
         format!(r##"<filter id="f"><feOffset/></filter><path filter="url(#f)" d="{d}"/>"##),
         r#"<polygon points="50,9 80,50 61,50 61,91 39,91 39,50 20,50"/>"#.to_owned(),
-        // In two parts that meet, and with an end that white covers.
+        // In two adjoining parts, and with an end covered by white.
         r#"<path d="M50 9L80 50H20Z"/><rect x="39" y="50" width="22" height="41"/>"#.to_owned(),
         r##"<path d="M50 9L80 50H61V99H39V50H20Z"/><rect y="91" width="100" height="9" fill="#fff"/>"##.to_owned(),
     ] {
@@ -100,7 +101,7 @@ fn a_shape_may_be_written_in_many_ways() {
     }
 }
 
-/// What is taken from the picture is as exact as what is in the file.
+/// A traced outline is as exact as one in the file.
 #[test]
 fn a_shape_that_is_cut_out_is_exact() {
     let ring = |cut: &str| format!(r##"<circle cx="50" cy="50" r="30"/>{cut}"##);
@@ -125,9 +126,9 @@ fn a_shape_that_is_cut_out_is_exact() {
     assert!((lowest - 0.5).abs() < 1e-4, "{lowest}");
 }
 
-/// Each is refused, with the words that say what to change.
+/// Each is rejected, and the message says what to change.
 #[test]
-fn what_changes_the_picture_and_is_not_read_is_named() {
+fn unsupported_content_that_changes_the_picture_is_rejected() {
     for (content, reason) in [
         (
             r#"<path fill-opacity="0.08" d="M50 9L80 50H20Z"/>"#,
@@ -323,7 +324,7 @@ fn drawings_without_an_end_are_refused() {
     for depth in [100, 5000, 500_000] {
         let deep = "<g opacity=\"0.999\">".repeat(depth) + ARROW + &"</g>".repeat(depth);
         assert!(read(&deep).is_err(), "{depth}");
-    } // What is no tag does not count.
+    } // Text outside of tags does not count.
     let flat = format!(
         "{}{}",
         "<!-- <g><g> --><g id='/>'/><g id='>'></g>".repeat(300),
@@ -334,6 +335,6 @@ fn drawings_without_an_end_are_refused() {
         .map(|i| format!("<g id=\"g{i}\"><use href=\"#g{}\"/></g>", i - 1))
         .collect();
     let chain = format!("<g id=\"g0\">{ARROW}</g>{uses}");
-    // Whatever it shows, reading it ends.
+    // Whatever it shows, the reader must terminate.
     let _ = read(&chain);
 }

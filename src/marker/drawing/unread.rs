@@ -1,9 +1,10 @@
-//! What a browser or a drawing program shows of an SVG file, but `usvg` leaves out.
+//! Parts of an SVG file that a browser or a drawing program shows, but `usvg` ignores.
 //!
-//! Most of it is refused when it is there at all: animations, scripts, other files, and style sheets that say more than `usvg`
-//! reads. Text and foreign objects are common in files in which they are not shown: on a hidden layer, in a definition, in the branch of
-//! a `switch` that is not taken. So their elements are replaced by elements that `usvg` reads, and whoever walks its tree
-//! finds those that are shown ([`is_text`], [`is_foreign`]).
+//! Most are rejected wherever they occur: animations, scripts, external files, and style sheet
+//! rules that `usvg` does not support. Text and foreign objects are common in files that do not
+//! show them: on a hidden layer, in a definition, in an unselected branch of a `switch`. They are
+//! therefore replaced by placeholder elements that `usvg` reads, and the visible ones are found in
+//! its tree ([`is_text`], [`is_foreign`]).
 
 use std::borrow::Cow;
 
@@ -15,15 +16,16 @@ use crate::marker::drawing::Reason;
 
 const SVG: &str = "http://www.w3.org/2000/svg";
 
-/// The path that stands for text: a triangle that nobody draws.
+/// The placeholder path for text: a triangle that does not occur in drawings.
 const TEXT_PATH: &str = "M0.25 0.125L1.75 0.375L1.125 1.625Z";
 const TEXT_POINTS: [[f32; 2]; 3] = [[0.25, 0.125], [1.75, 0.375], [1.125, 1.625]];
 
-/// The picture that stands for a foreign object, and its side.
+/// The placeholder image for a foreign object, and its side.
 const FOREIGN_HREF: &str = "overcam:foreignObject";
 const FOREIGN_SIDE: f32 = 3.0;
 
-/// Functions in values of attributes and properties that `usvg` evaluates, or that change no picture.
+/// Functions in attribute and property values that `usvg` evaluates, or that do not change the
+/// image.
 const FUNCTIONS: [&str; 25] = [
     "url",
     "rgb",
@@ -52,7 +54,7 @@ const FUNCTIONS: [&str; 25] = [
     "sepia",
 ];
 
-/// Attributes and properties whose values decide what is drawn.
+/// Attributes and properties whose values affect the image.
 const DRAWN: [&str; 26] = [
     "clip-path",
     "clip-rule",
@@ -82,7 +84,7 @@ const DRAWN: [&str; 26] = [
     "visibility",
 ];
 
-/// Properties of style sheets that `usvg` does not read, though they move or reshape things.
+/// Style sheet properties that `usvg` does not read, although they move or reshape elements.
 const UNREAD_PROPERTIES: [&str; 16] = [
     "cx",
     "cy",
@@ -102,7 +104,7 @@ const UNREAD_PROPERTIES: [&str; 16] = [
     "background-image",
 ];
 
-/// Pseudo-classes that `simplecss` reads, or that hold only while somebody points at something.
+/// Pseudo-classes that `simplecss` reads, or that apply only during user interaction.
 const PSEUDO_CLASSES: [&str; 11] = [
     "first-child",
     "link",
@@ -117,10 +119,11 @@ const PSEUDO_CLASSES: [&str; 11] = [
     "selection",
 ];
 
-/// Elements within elements: more are a mistake or an attack, for parsers call themselves for each.
+/// Maximum nesting depth of elements: deeper files are a mistake or an attack, because parsers
+/// recurse for each level.
 const DEPTH_MAX: usize = 256;
 
-/// Whether elements are nested so deep that a parser's stack may not suffice. Looks at the text alone.
+/// Whether elements are nested too deeply for a parser's stack. Examines only the text.
 pub(super) fn is_too_deep(svg: &str) -> bool {
     let bytes = svg.as_bytes();
     let skip = |from: usize, end: &str| svg[from..].find(end).map_or(bytes.len(), |at| from + at);
@@ -137,7 +140,7 @@ pub(super) fn is_too_deep(svg: &str) -> bool {
                 if depth > DEPTH_MAX {
                     return true;
                 }
-                // To the end of the tag, which may also be in a quoted value.
+                // Skip to the end of the tag; `>` may also occur in a quoted value.
                 let mut quote = None;
                 while let Some(&byte) = bytes.get(at) {
                     match quote {
@@ -157,7 +160,7 @@ pub(super) fn is_too_deep(svg: &str) -> bool {
     false
 }
 
-/// Refuses what changes the picture in a way that is not read.
+/// Rejects content that changes the image and is not supported.
 pub(super) fn refuse(document: &Document) -> Result<(), Reason> {
     for node in document.descendants() {
         match node.node_type() {
@@ -184,7 +187,7 @@ fn not_read(what: impl Into<String>, id: &str, remedy: &'static str) -> Reason {
     }
 }
 
-/// `usvg` takes elements without a namespace for SVG, too.
+/// `usvg` also treats elements without a namespace as SVG.
 fn is_svg(node: Node) -> bool {
     node.is_element() && matches!(node.tag_name().namespace(), None | Some(SVG))
 }
@@ -219,7 +222,7 @@ fn refuse_element(node: Node) -> Result<(), Reason> {
     }
     for attribute in node.attributes() {
         let (key, value) = (attribute.name(), attribute.value().trim());
-        // A link leads elsewhere, and pictures are found in the tree.
+        // An `a` only links elsewhere, and images are found in the tree.
         let refers = key == "href" && !matches!(name, "a" | "image" | "feImage");
         if refers && !value.is_empty() && !value.starts_with('#') {
             return Err(not_read(
@@ -240,7 +243,7 @@ fn refuse_element(node: Node) -> Result<(), Reason> {
     Ok(())
 }
 
-/// Refuses rules that are skipped when the sheet is read, and declarations that are.
+/// Rejects rules and declarations that are skipped when the style sheet is read.
 fn refuse_sheet(text: &str) -> Result<(), Reason> {
     let text = without_comments(text);
     for prelude in preludes(&text) {
@@ -250,7 +253,7 @@ fn refuse_sheet(text: &str) -> Result<(), Reason> {
                 .chars()
                 .take_while(|c| c.is_alphanumeric() || *c == '-')
                 .collect();
-            // Frames of an animation do nothing unless one is declared; what is printed is printed on white.
+            // Keyframes have no effect without an animation; a drawing is printed on white.
             let is_harmless = matches!(
                 name.as_str(),
                 "charset" | "namespace" | "font-face" | "keyframes" | "-webkit-keyframes"
@@ -304,7 +307,7 @@ fn without_comments(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// What stands before the blocks of a style sheet, and rules without a block.
+/// The preludes of a style sheet's blocks, and rules without a block.
 fn preludes(text: &str) -> Vec<&str> {
     let (mut found, mut depth, mut start) = (Vec::new(), 0usize, 0);
     for (i, c) in text.char_indices() {
@@ -325,7 +328,7 @@ fn preludes(text: &str) -> Vec<&str> {
     found
 }
 
-/// `may_be_root` where the declaration may apply to the root element, which alone has a background.
+/// `may_be_root`: the declaration may apply to the root element, the only one with a background.
 fn refuse_declaration(name: &str, value: &str, may_be_root: bool, id: &str) -> Result<(), Reason> {
     let name = name.to_lowercase();
     let value = value.trim().to_lowercase();
@@ -354,7 +357,7 @@ fn refuse_declaration(name: &str, value: &str, may_be_root: bool, id: &str) -> R
     if UNREAD_PROPERTIES.contains(&name.as_str()) && !is_none && !is_default {
         return Err(style(format!("the style property {name}")));
     }
-    // Only numbers without a unit are read.
+    // Only numbers without a unit are supported.
     let has_unit = ["deg", "rad", "turn", "px", "mm", "em", "%"]
         .iter()
         .any(|unit| value.contains(unit));
@@ -368,7 +371,7 @@ fn refuse_declaration(name: &str, value: &str, may_be_root: bool, id: &str) -> R
     refuse_value(&name, &value, id)
 }
 
-/// Refuses functions that are not evaluated.
+/// Rejects functions that are not evaluated.
 fn refuse_value(name: &str, value: &str, id: &str) -> Result<(), Reason> {
     if !DRAWN.contains(&name) {
         return Ok(());
@@ -377,7 +380,7 @@ fn refuse_value(name: &str, value: &str, id: &str) -> Result<(), Reason> {
         let word = |c: char| !(c.is_alphanumeric() || c == '-' || c == '_');
         let function = value[..at].trim_end().rsplit(word).next().unwrap_or("");
         let function = function.to_lowercase();
-        // A quoted file name may hold anything.
+        // A quoted file name may contain anything.
         if value[..at].contains("url(") {
             break;
         }
@@ -393,7 +396,7 @@ fn refuse_value(name: &str, value: &str, id: &str) -> Result<(), Reason> {
     Ok(())
 }
 
-/// The file with elements that `usvg` reads in the place of text and foreign objects; `None` where there are none.
+/// The file with text and foreign objects replaced by placeholders; `None` if there are none.
 pub(super) fn with_stand_ins(svg: &str, document: &Document) -> Result<Option<String>, Reason> {
     let mut out = String::new();
     let (mut copied, mut replaced) = (0, 0..0);
@@ -447,7 +450,8 @@ pub(super) fn with_stand_ins(svg: &str, document: &Document) -> Result<Option<St
     Ok(Some(out))
 }
 
-/// How the program that reads the file finds pictures: all are kept, whatever they show and wherever they are, for the walk to find.
+/// Image resolver that keeps all images, whatever their content and location, so that they are
+/// found in the tree.
 pub(super) fn image_resolver() -> usvg::ImageHrefResolver<'static> {
     let blank = |side: f32| {
         let svg = format!(r#"<svg xmlns="{SVG}" width="{side}" height="{side}"/>"#);
@@ -467,14 +471,14 @@ pub(super) fn image_resolver() -> usvg::ImageHrefResolver<'static> {
     }
 }
 
-/// Whether a path stands for text.
+/// Whether a path is the placeholder for text.
 pub(super) fn is_text(path: &usvg::Path) -> bool {
     let same = |(a, b): (&Point, [f32; 2])| [a.x, a.y] == b;
     let points = path.data().points();
     points.len() == TEXT_POINTS.len() && points.iter().zip(TEXT_POINTS).all(same)
 }
 
-/// Whether a picture stands for a foreign object.
+/// Whether an image is the placeholder for a foreign object.
 pub(super) fn is_foreign(image: &usvg::Image) -> bool {
     image.size().width() == FOREIGN_SIDE
 }

@@ -1,18 +1,21 @@
-//! A scene as Foxglove messages: what a person sees over the camera image and on the floor.
+//! A scene as Foxglove messages: overlays on the camera image, and 3D entities on the floor.
 //!
-//! * [`image_annotations`]: outlines, marker names with their headings, and forecasts, drawn over the image. Foxglove counts
-//!   pixels from the corner of the top left one, a scene counts from its centre, hence the half pixel added here. Results in
-//!   metres are taken back to the image by the inverse of the calibration.
+//! * [`image_annotations`]: outlines, marker names with their headings, and forecasts, drawn over
+//!   the image. Foxglove measures pixels from the corner of the top left one, a scene from its
+//!   centre, hence the half pixel added here. Results in metres are mapped back to the image by the
+//!   inverse of the calibration.
 //! * [`poses`]: recognised markers as poses, the form that other programs read most easily.
-//! * [`robots`], [`obstacles`], [`forecasts`]: the same floor in three dimensions. Each message replaces all entities of its
-//!   topic, so that a track that ended leaves nothing behind and a jump to any moment of a recording shows that moment.
-//! * [`root_transform`]: without any transform a 3D panel stays empty. An image is turned over, because its y axis points
-//!   down; a floor is taken as it is.
+//! * [`robots`], [`obstacles`], [`forecasts`]: the same floor in three dimensions. Each message
+//!   replaces all entities of its topic, so that ended tracks disappear and a jump to any point of
+//!   a recording shows the state at that time.
+//! * [`root_transform`]: without any transform a 3D panel stays empty. An image is flipped, because
+//!   its y axis points down; a floor is not.
 //!
-//! What was not observed in the frame but forecast from earlier ones has no outline: it is drawn faintly, as a square of its
-//! size.
+//! Objects that were not observed in the frame but predicted have no outline: they are drawn
+//! faintly, as a square of their size.
 //!
-//! Deliberately absent: covariances. Foxglove has no primitive for them; `--json` and the shared memory carry them.
+//! Deliberately absent: covariances. Foxglove has no primitive for them; `--json` and the shared
+//! memory contain them.
 
 use foxglove::messages::{
     ArrowPrimitive, Color, FrameTransform, ImageAnnotations, KeyValuePair, LinePrimitive, Log,
@@ -25,27 +28,27 @@ use scene::{FRAME_FLOOR, KIND_MARKER, Object, Scene};
 
 use crate::output::foxglove::image_message::IMAGE_FRAME;
 
-/// Frame of reference of results in metres.
+/// Coordinate frame of results in metres.
 const FLOOR_FRAME: &str = "floor";
-/// Root of the tree of transforms.
+/// Root of the transform tree.
 const WORLD_FRAME: &str = "world";
 
 const ROBOT: Color = colour(0.15, 0.85, 0.35);
 const OBSTACLE: Color = colour(1.0, 0.55, 0.1);
 const FORECAST: Color = colour(0.3, 0.65, 1.0);
-/// Opacity of what was not observed.
+/// Opacity of objects that were not observed.
 const FAINT: f64 = 0.4;
 
 const STROKE_PX: f64 = 1.5;
 const FONT_PX: f64 = 12.0;
-/// Length of the arrow from a marker's centre, in sides of its plate.
+/// Length of the arrow from a marker's centre, relative to the side of its plate.
 const ARROW_LENGTH: f64 = 0.8;
 
 const fn colour(r: f64, g: f64, b: f64) -> Color {
     Color { r, g, b, a: 1.0 }
 }
 
-/// Foxglove's name for a frame of reference.
+/// Foxglove's name for a coordinate frame.
 fn frame_id(frame: u32) -> String {
     if frame == FRAME_FLOOR {
         FLOOR_FRAME.to_owned()
@@ -56,8 +59,8 @@ fn frame_id(frame: u32) -> String {
 
 /// The scene drawn over the camera image.
 ///
-/// `image_from_floor` serves scenes in metres; a scene in metres without it, and points that it sends to infinity, are not
-/// drawn.
+/// `image_from_floor` is for scenes in metres. Without it, a scene in metres is not drawn; neither
+/// are points that it maps to infinity.
 pub(crate) fn image_annotations(
     scene: &Scene,
     timestamp: Timestamp,
@@ -118,7 +121,8 @@ pub(crate) fn image_annotations(
     annotations
 }
 
-/// The markers seen in this frame, in the order of their tracks. A pose whose heading is unknown has none (identity).
+/// The markers read in this frame, in the order of their tracks. The pose of an unknown heading has
+/// the identity rotation.
 pub(crate) fn poses(scene: &Scene, timestamp: Timestamp) -> PosesInFrame {
     let seen = |object: &&Object| object.kind == KIND_MARKER && object.observed();
     PosesInFrame {
@@ -159,7 +163,7 @@ pub(crate) fn robots(scene: &Scene, timestamp: Timestamp) -> SceneUpdate {
     })
 }
 
-/// Everything without a recognised marker: outlines.
+/// Objects without a recognised marker: outlines.
 pub(crate) fn obstacles(scene: &Scene, timestamp: Timestamp) -> SceneUpdate {
     update(scene, timestamp, |object| {
         if object.kind == KIND_MARKER {
@@ -172,7 +176,7 @@ pub(crate) fn obstacles(scene: &Scene, timestamp: Timestamp) -> SceneUpdate {
     })
 }
 
-/// The way that each object is expected to go.
+/// The predicted path of each object.
 pub(crate) fn forecasts(scene: &Scene, timestamp: Timestamp) -> SceneUpdate {
     update(scene, timestamp, |object| {
         if object.forecast().is_empty() {
@@ -189,7 +193,8 @@ pub(crate) fn forecasts(scene: &Scene, timestamp: Timestamp) -> SceneUpdate {
     })
 }
 
-/// Ties the frame of reference of the results, [`FRAME_IMAGE`](scene::FRAME_IMAGE) or [`FRAME_FLOOR`], to the root.
+/// Connects the coordinate frame of the results, [`FRAME_IMAGE`](scene::FRAME_IMAGE) or
+/// [`FRAME_FLOOR`], to the root.
 pub(crate) fn root_transform(frame: u32, timestamp: Timestamp) -> FrameTransform {
     let half_turn_about_x = Quaternion {
         x: 1.0,
@@ -210,7 +215,7 @@ pub(crate) fn root_transform(frame: u32, timestamp: Timestamp) -> FrameTransform
     }
 }
 
-/// A line for the log panel.
+/// A message for the log panel.
 pub(crate) fn warning(message: String, timestamp: Timestamp) -> Log {
     Log {
         timestamp: Some(timestamp),
@@ -221,7 +226,8 @@ pub(crate) fn warning(message: String, timestamp: Timestamp) -> Log {
     }
 }
 
-/// One entity for each object for which `draw` has one; everything older on the topic goes.
+/// One entity for each object for which `draw` returns one; all older ones on the topic are
+/// removed.
 fn update(
     scene: &Scene,
     timestamp: Timestamp,
@@ -281,7 +287,8 @@ fn pose(object: &Object) -> Pose {
     }
 }
 
-/// Rotation about z. In the image z points into the picture, so a heading from +x towards +y is positive there too.
+/// Rotation about z. In the image z points into the picture, so a heading from +x towards +y is
+/// positive there too.
 fn quaternion(heading_rad: f64) -> Quaternion {
     let (z, w) = (heading_rad / 2.0).sin_cos();
     Quaternion {
@@ -292,7 +299,7 @@ fn quaternion(heading_rad: f64) -> Quaternion {
     }
 }
 
-/// The object's outline, or a square of its size where it was not observed.
+/// The object's outline, or a square of its size if it was not observed.
 fn outline(object: &Object) -> Vec<[f64; 2]> {
     if !object.outline().is_empty() {
         return object.outline().to_vec();
@@ -317,13 +324,14 @@ fn arrow_segments(object: &Object, heading_rad: f64) -> [[f64; 2]; 6] {
     [centre, tip, tip, barb(0.5), tip, barb(-0.5)]
 }
 
-/// Where the object is, and where it will be.
+/// The current and predicted positions of an object.
 fn forecast_path(object: &Object) -> Vec<[f64; 2]> {
     let ahead = object.forecast().iter().map(|point| [point.x, point.y]);
     std::iter::once([object.x, object.y]).chain(ahead).collect()
 }
 
-/// A point of the scene in Foxglove's pixel coordinates, unless the homography sends it to infinity.
+/// A point of the scene in Foxglove's pixel coordinates; `None` if the homography maps it to
+/// infinity.
 fn image_point([x, y]: [f64; 2], image_from_scene: &Matrix3<f64>) -> Option<Point2> {
     let point =
         PlanePoint::from_homogeneous(image_from_scene * PlanePoint::new(x, y).to_homogeneous())?;
@@ -357,7 +365,7 @@ mod tests {
         Timestamp::new(12, 500)
     }
 
-    /// A robot at (10, 20) that looks along +y and a forecast obstacle at (-3, 4).
+    /// A robot at (10, 20) facing +y, and a predicted obstacle at (-3, 4).
     fn example(frame: u32) -> Scene {
         let mut scene = Scene::EMPTY;
         scene.frame = frame;
@@ -415,7 +423,7 @@ mod tests {
 
     #[test]
     fn a_scene_in_metres_is_taken_back_to_the_image() {
-        // A floor of 0.01 m a pixel, y up, origin at pixel (100, 200).
+        // A floor with 0.01 m per pixel, y up, origin at pixel (100, 200).
         let floor_from_image = Matrix3::new(0.01, 0.0, -1.0, 0.0, -0.01, 2.0, 0.0, 0.0, 1.0);
         let image_from_floor = floor_from_image
             .try_inverse()

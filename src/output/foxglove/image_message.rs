@@ -1,18 +1,19 @@
-//! Frames as Foxglove image messages, and back.
+//! Conversion of frames to Foxglove image messages, and back.
 //!
-//! `foxglove.RawImage` has encodings for grey, RGB, YUYV, UYVY and NV12, so such frames are stored byte for byte. It has none
-//! for planar 4:2:0, 4:2:2 and 4:4:4: those are stored as the RGB that the pipeline itself computes from them
-//! ([`decode`]), so that a replay sees the very same colours. `foxglove.CompressedImage` holds JPEG pictures as the camera
-//! made them.
+//! `foxglove.RawImage` has encodings for grey, RGB, YUYV, UYVY and NV12, so such frames are stored
+//! byte by byte. It has none for planar 4:2:0, 4:2:2 and 4:4:4: those are stored as the RGB that
+//! the pipeline computes from them ([`decode`]), so that a replay uses exactly the same colours.
+//! `foxglove.CompressedImage` holds JPEG images as made by the camera.
 //!
-//! A topic has one schema, fixed by the layout that the source announces. A frame of the other kind (a folder may mix PNG
-//! and JPEG files) is turned without loss: a JPEG picture among raw ones becomes RGB, a raw one among JPEG pictures becomes
-//! a PNG.
+//! A topic has one schema, determined by the format that the source announces. A frame of the other
+//! kind (a folder may mix PNG and JPEG files) is converted without loss: a JPEG image among raw
+//! ones becomes RGB, a raw one among JPEG images becomes a PNG.
 //!
-//! What other programs call the format of a compressed image differs (`jpeg`, `JPEG`, `image/jpeg`, `rgb8; jpeg compressed bgr8`); its
-//! first bytes say what it is.
+//! Names of compressed formats vary between programs (`jpeg`, `JPEG`, `image/jpeg`, `rgb8; jpeg
+//! compressed bgr8`), so the format is detected from the first bytes.
 //!
-//! Deliberately absent: Foxglove's other encodings (BGR, alpha, Bayer, 16 bit, float). No frame of overcam has them.
+//! Deliberately absent: Foxglove's other encodings (BGR, alpha, Bayer, 16 bit, float). No frame of
+//! overcam has them.
 
 use std::error::Error;
 
@@ -28,17 +29,18 @@ use crate::image::picture_file::{png_picture, write_png};
 use crate::image::png::{self, Png, PngError};
 use crate::run::slot::SourceInfo;
 
-/// Frame of reference of an image message: pixels of the camera image.
+/// Coordinate frame of an image message: pixels of the camera image.
 pub(crate) const IMAGE_FRAME: &str = "image";
 
-/// How a recording stores raw frames. Pictures that come as JPEG are stored as they are in both modes.
+/// How a recording stores raw frames. Images that arrive as JPEG are stored unchanged in both
+/// modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImageMode {
-    /// A replay sees the same colours, bit by bit.
+    /// A replay uses exactly the same colours.
     Lossless,
-    /// Much smaller; a replay sees slightly different colours.
+    /// Much smaller; a replay uses slightly different colours.
     Jpeg {
-        /// 1 to 100; values outside are taken as the nearest of these.
+        /// 1 to 100; other values are clamped.
         quality: u8,
     },
 }
@@ -52,64 +54,64 @@ pub(crate) enum ImageSchema {
     Compressed,
 }
 
-/// Why a frame cannot be stored as a message, or a message cannot be read as a frame.
+/// Reasons why a frame cannot be stored as a message, or a message cannot be read as a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// The frame's colours could not be computed.
+    /// The colours of the frame cannot be computed.
     #[error(transparent)]
     Colours(#[from] DecodeError),
-    /// The message is no such message.
+    /// The message cannot be parsed.
     #[error("the message is damaged: {0}")]
     Message(Box<dyn Error + Send + Sync>),
-    /// The PNG picture inside cannot be read.
+    /// The PNG image in the message cannot be decoded.
     #[error(transparent)]
     Picture(#[from] PngError),
-    /// The JPEG picture inside cannot be read.
+    /// The JPEG image in the message cannot be decoded.
     #[error(transparent)]
     ReadJpeg(#[from] JpegError),
     /// The frame cannot be compressed.
     #[error("it cannot be written as JPEG: {0}")]
     WriteJpeg(#[from] jpeg_encoder::EncodingError),
-    /// JPEG pictures have at most 65535 rows and columns.
+    /// JPEG images have at most 65535 rows and columns.
     #[error("{width}x{height} pixels are too many for JPEG (65535x65535); record without JPEG")]
     TooLargeForJpeg {
-        /// Pixels in a row.
+        /// Width in pixels.
         width: usize,
-        /// Rows.
+        /// Height in pixels.
         height: usize,
     },
-    /// The number of bytes does not fit the size of the picture.
+    /// The number of bytes does not match the size of the image.
     #[error("it has {found} bytes, its size and layout need {expected}")]
     ByteCount {
-        /// Bytes that size and layout need.
+        /// Number of bytes for size and format.
         expected: u64,
-        /// Bytes that are there.
+        /// Actual number of bytes.
         found: usize,
     },
-    /// An encoding of `RawImage` that overcam does not read.
+    /// An unsupported encoding of `RawImage`.
     #[error(
         "cannot read a {width}x{height} image in the encoding `{encoding}` (mono8, rgb8, and in even sizes yuv422_yuy2, \
          uyvy and nv12 are read)"
     )]
     Encoding {
-        /// What the message says.
+        /// Encoding given in the message.
         encoding: String,
-        /// Pixels in a row.
+        /// Width in pixels.
         width: u32,
-        /// Rows.
+        /// Height in pixels.
         height: u32,
     },
-    /// The message claims more pixels than a picture may have.
+    /// The size in the message is above the limit.
     #[error(
         "it claims {width}x{height} pixels; sides must be 1 to {MAX_SIDE}, and no more than {AREA_MAX} in all"
     )]
     TooLarge {
-        /// Pixels in a row.
+        /// Width in pixels.
         width: u32,
-        /// Rows.
+        /// Height in pixels.
         height: u32,
     },
-    /// A compressed image that overcam does not read.
+    /// An unsupported compressed image.
     #[error(
         "cannot read an image in the format `{0}`, whose bytes are neither those of a JPEG nor of a PNG file"
     )]
@@ -117,7 +119,7 @@ pub enum ImageError {
 }
 
 impl ImageMode {
-    /// Layout of frames after a recording and a replay.
+    /// Format of frames after recording and replay.
     pub(crate) fn stored_format(self, format: PixelFormat, size: Size) -> PixelFormat {
         match self {
             _ if format == PixelFormat::Jpeg => PixelFormat::Jpeg,
@@ -136,7 +138,7 @@ impl ImageMode {
     }
 }
 
-/// Turns frames into messages of one schema. Its buffers are reused.
+/// Encodes frames as messages of one schema, with reused buffers.
 pub(crate) struct ImageEncoder {
     mode: ImageMode,
     schema: ImageSchema,
@@ -145,7 +147,7 @@ pub(crate) struct ImageEncoder {
 }
 
 impl ImageEncoder {
-    /// For the frames of `info`.
+    /// An encoder for the frames of `info`.
     pub(crate) fn new(mode: ImageMode, info: &SourceInfo) -> Self {
         Self {
             mode,
@@ -155,7 +157,7 @@ impl ImageEncoder {
         }
     }
 
-    /// The type of all messages.
+    /// The schema of all messages.
     pub(crate) fn schema(&self) -> ImageSchema {
         self.schema
     }
@@ -247,16 +249,16 @@ pub(crate) fn encode_message<T: Encode>(message: &T, buffer: &mut Vec<u8>) {
         .expect("a vector grows to hold any message");
 }
 
-/// What is known of the images before one of them is read.
+/// Properties known before an image is read.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Known {
-    /// The size of JPEG pictures of a recording that overcam made, so that they need not be opened.
+    /// Size of the JPEG images in a recording made by overcam, so that they need not be parsed.
     pub(crate) jpeg_size: Option<Size>,
-    /// How many bits are in use of samples that have 16. Where it is not known, the first such picture settles it.
+    /// Number of bits in use in samples of 16 bits. If unknown, the first such image determines it.
     pub(crate) n_bits: Option<u8>,
 }
 
-/// Reads a message into size, layout and bytes of `frame`; its other fields stay as they are.
+/// Decodes a message into size, format and bytes of `frame`; its other fields are unchanged.
 pub(crate) fn decode_message(
     schema: ImageSchema,
     message: Bytes,
@@ -269,7 +271,7 @@ pub(crate) fn decode_message(
     }
 }
 
-/// The timestamp in a message, in nanoseconds; none if the message has none.
+/// The timestamp in a message, in nanoseconds; `None` if there is none.
 pub(crate) fn time_of_message(
     schema: ImageSchema,
     message: Bytes,
@@ -281,7 +283,7 @@ pub(crate) fn time_of_message(
     Ok(timestamp.map(|t| t.total_nanos()).filter(|&ns| ns > 0))
 }
 
-/// The message type of a topic, if it is one that can be played.
+/// The message type of a topic, if it is supported.
 pub(crate) fn image_schema(name: &str, encoding: &str) -> Option<ImageSchema> {
     match (name, encoding) {
         ("foxglove.RawImage", "protobuf") => Some(ImageSchema::Raw),
@@ -371,7 +373,8 @@ fn interleave(picture: &Picture, rgb: &mut Vec<u8>) {
     }
 }
 
-/// Foxglove's name for a layout, and its bytes in a row, if `RawImage` has it at this size: subsampled layouts need even sizes.
+/// Foxglove's name for a format, and its bytes per row, if `RawImage` supports it at this size:
+/// subsampled formats need even sizes.
 fn raw_encoding(format: PixelFormat, size: Size) -> Option<(&'static str, usize)> {
     let Size { width, height } = size;
     let (even_width, even_height) = (width.is_multiple_of(2), height.is_multiple_of(2));
@@ -385,7 +388,7 @@ fn raw_encoding(format: PixelFormat, size: Size) -> Option<(&'static str, usize)
     }
 }
 
-/// Rows of all planes of a layout that [`raw_encoding`] knows.
+/// Total rows of all planes of a format supported by [`raw_encoding`].
 fn plane_rows(format: PixelFormat, size: Size) -> u64 {
     let rows = size.height as u64;
     match format {

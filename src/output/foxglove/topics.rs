@@ -1,14 +1,15 @@
-//! The topics of the Foxglove messages, and the messages of one scene. Where they go is not known here: into a file ([`mcap`](crate::output::mcap)), or
-//! over a socket.
+//! The topics of the Foxglove messages, and the messages of one scene. Independent of their
+//! destination: a file ([`mcap`](crate::output::mcap)), or a socket.
 //!
-//! | topic | schema | what |
+//! | topic | schema | content |
 //! | --- | --- | --- |
-//! | `/camera/image` | `RawImage` or `CompressedImage` | the frames that were processed |
-//! | `/camera/passed_over` | the same | the frames that were captured and not processed |
-//! | `/overcam/annotations` | `ImageAnnotations` | outlines, names, headings and forecasts over the image |
-//! | `/overcam/poses` | `PosesInFrame` | the markers seen |
-//! | `/overcam/robots`, `/overcam/obstacles`, `/overcam/forecasts` | `SceneUpdate` | the floor in three dimensions |
-//! | `/tf` | `FrameTransform` | the root of the frames of reference, once |
+//! | `/camera/image` | `RawImage` or `CompressedImage` | the processed frames |
+//! | `/camera/passed_over` | the same | the frames that were captured but not processed |
+//! | `/overcam/annotations` | `ImageAnnotations` | outlines, names, headings and forecasts |
+//! | `/overcam/poses` | `PosesInFrame` | the markers read |
+//! | `/overcam/robots`, `/overcam/obstacles` | `SceneUpdate` | the floor in 3D |
+//! | `/overcam/forecasts` | `SceneUpdate` | forecasts on the floor in 3D |
+//! | `/tf` | `FrameTransform` | the root of the coordinate frames, once |
 //! | `/overcam/log` | `Log` | gaps in the sequence of frames |
 //!
 //! A frame's messages follow its image, with the frame's number (its low 32 bits) and its log time.
@@ -23,12 +24,12 @@ use scene::Scene;
 use crate::output::foxglove::annotate;
 use crate::output::foxglove::image_message::encode_message;
 
-/// Topic of the frames that were processed.
+/// Topic of the processed frames.
 pub const IMAGE_TOPIC: &str = "/camera/image";
-/// Topic of the frames that were captured and not processed.
+/// Topic of the frames that were captured but not processed.
 pub const PASSED_OVER_TOPIC: &str = "/camera/passed_over";
 
-/// Topics of everything but frames.
+/// Topics other than those of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ResultTopic {
     Transform,
@@ -41,7 +42,7 @@ pub(crate) enum ResultTopic {
 }
 
 impl ResultTopic {
-    /// In the order of their numbers.
+    /// In numerical order.
     pub(crate) const ALL: [Self; 7] = [
         Self::Transform,
         Self::Log,
@@ -80,7 +81,8 @@ pub(crate) fn schema_of<T: Encode>() -> Schema {
     T::get_schema().expect("every Foxglove message has a schema")
 }
 
-/// Encodes what was found in a frame, message after message into `buffer`, and gives each to `write`.
+/// Encodes the results of a frame, one message after another into `buffer`, and passes each to
+/// `write`.
 ///
 /// # Errors
 ///
@@ -108,7 +110,7 @@ pub(crate) fn scene_messages<E>(
     Ok(())
 }
 
-/// Nanoseconds since 1970 as Foxglove has them.
+/// Nanoseconds since 1970 as a Foxglove timestamp.
 pub(crate) fn timestamp(log_time_ns: u64) -> Timestamp {
     let seconds = log_time_ns / 1_000_000_000;
     let rest_ns = (log_time_ns % 1_000_000_000) as u32;

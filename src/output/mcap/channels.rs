@@ -1,4 +1,4 @@
-//! The channels of a recording, and writing the messages of one frame to them.
+//! The channels of a recording; writes the messages of a frame to them.
 
 use std::collections::BTreeMap;
 
@@ -28,23 +28,24 @@ pub(super) struct ImageChannels {
     pub(super) skipped: u16,
 }
 
-/// Channels of everything else, in the order of [`ResultTopic::ALL`].
+/// All other channels, in the order of [`ResultTopic::ALL`].
 pub(super) struct ResultChannels([u16; ResultTopic::ALL.len()]);
 
-/// Writes the messages of one frame: they differ in channel and content only.
+/// Writes the messages of one frame, which differ only in channel and content.
 pub(super) struct FrameWriter<'a> {
     mcap: &'a mut Mcap,
     header: MessageHeader,
     message: &'a mut Vec<u8>,
-    /// Bytes of the messages so far, with what the file adds to each.
+    /// Size of the messages so far, including the overhead of each.
     bytes: u64,
 }
 
-/// What a file adds to a message: its header, and its entry in the index of the chunk.
+/// Overhead per message in a file: its header, and its entry in the index of the chunk.
 const MESSAGE_OVERHEAD_BYTES: u64 = 64;
 
 impl ImageChannels {
-    /// Defines both at once, early in the file: damage to a later chunk then takes no definition with it.
+    /// Defines both at once, early in the file, so that no definition is lost if a later chunk is
+    /// damaged.
     pub(super) fn add(mcap: &mut Mcap, schema: ImageSchema, full_range: bool) -> McapResult<Self> {
         let schema = match schema {
             ImageSchema::Raw => schema_of::<RawImage>(),
@@ -74,7 +75,7 @@ impl ResultChannels {
 }
 
 impl<'a> FrameWriter<'a> {
-    /// `message` holds a message that is already encoded, or is scratch memory.
+    /// `message` holds an encoded message, or is scratch memory.
     pub(super) fn new(
         mcap: &'a mut Mcap,
         sequence: u64,
@@ -85,7 +86,7 @@ impl<'a> FrameWriter<'a> {
             mcap,
             header: MessageHeader {
                 channel_id: 0,
-                // A reader counts on from the low bits: gaps of 2^32 frames do not occur.
+                // A reader extends the low bits: gaps of 2^32 frames do not occur.
                 sequence: sequence as u32,
                 log_time: log_time_ns,
                 publish_time: log_time_ns,
@@ -95,7 +96,7 @@ impl<'a> FrameWriter<'a> {
         }
     }
 
-    /// Bytes of the messages so far, not compressed, with what the file adds to each.
+    /// Uncompressed size of the messages so far, including the overhead of each.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -122,7 +123,7 @@ impl<'a> FrameWriter<'a> {
         self.write_encoded(channels.of(topic))
     }
 
-    /// Writes what was found in the frame.
+    /// Writes the results of the frame.
     pub(super) fn write_scene(
         &mut self,
         channels: &ResultChannels,
@@ -138,7 +139,7 @@ impl<'a> FrameWriter<'a> {
     }
 }
 
-/// Returns how many bytes of the file the message takes.
+/// Returns the size of the message in the file.
 fn write(
     mcap: &mut Mcap,
     header: &mut MessageHeader,

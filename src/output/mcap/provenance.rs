@@ -1,12 +1,13 @@
-//! What a recording says about its own making, so that a replay repeats it.
+//! The provenance stored in a recording, which allows a replay to repeat the run.
 //!
-//! A recording starts with one MCAP metadata record named `overcam` and a few attachments. The metadata record holds short
-//! facts as text: where the frames came from, their size and layout, at what the camera's controls were locked, how log times
-//! follow from exposure times, and the settings of the run as TOML. The attachments hold the files of the run:
-//! `markers/NAME.svg`, `calibration.toml` and `region.png`.
-//! Numbers are written in the shortest form that reads back to the same value.
+//! A recording starts with one MCAP metadata record named `overcam` and a few attachments. The
+//! metadata record holds short facts as text: the source of the frames, their size and format, the
+//! locked values of the camera's controls, the offset between exposure times and log times, and the
+//! settings of the run as TOML. The attachments hold the files of the run: `markers/NAME.svg`,
+//! `calibration.toml` and `region.png`. Numbers are written in the shortest form that reads back to
+//! the same value.
 //!
-//! Deliberately absent: anything that is known only later (counts, durations). MCAP's own summary has it.
+//! Deliberately absent: anything known only later (counts, durations). MCAP's own summary has it.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -19,9 +20,9 @@ use crate::marker::MarkerFile;
 use crate::output::foxglove::image_message::ImageMode;
 use crate::run::slot::SourceInfo;
 
-/// Name of the metadata record that makes an MCAP file a recording of overcam.
+/// Name of the metadata record that identifies an MCAP file as a recording of overcam.
 pub(crate) const METADATA_NAME: &str = "overcam";
-/// Attachment with the empty floor. It may come several times; each applies from the next frame on.
+/// Attachment with the background. There may be several; each applies from the next frame on.
 pub(crate) const BACKGROUND_NAME: &str = "background.png";
 const CALIBRATION_NAME: &str = "calibration.toml";
 const REGION_NAME: &str = "region.png";
@@ -40,12 +41,12 @@ const FORMAT_NAMES: [(PixelFormat, &str); 9] = [
     (PixelFormat::Jpeg, "jpeg"),
 ];
 
-/// How a recording was made: what a replay needs besides the frames to give the same results.
+/// How a recording was made: the data besides the frames that a replay needs for the same results.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Provenance {
     /// Version of overcam that made the recording.
     pub version: String,
-    /// What the frames came from, as [`SourceInfo::name`] said it.
+    /// Name of the source, from [`SourceInfo::name`].
     pub source: String,
     /// Settings of the run, as TOML text.
     pub settings: String,
@@ -53,53 +54,53 @@ pub struct Provenance {
     pub markers: Vec<MarkerFile>,
     /// The calibration file, as TOML text.
     pub calibration: Option<String>,
-    /// The region that is looked at, as a PNG file.
+    /// The region as a PNG file.
     pub region: Option<Vec<u8>>,
-    /// Homography from pixels to metres on the floor, row by row, when the results are in metres.
+    /// Homography from pixels to metres on the floor, row by row, if the results are in metres.
     pub floor_from_image: Option<[[f64; 3]; 3]>,
 }
 
-/// What the metadata record says about the frames.
+/// Facts about the frames in the metadata record.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Frames {
     /// Size of every frame.
     pub(crate) size: Size,
     /// Layout of the stored frames.
     pub(crate) stored_format: PixelFormat,
-    /// Frames per second, where the source stated it.
+    /// Frames per second, if the source stated it.
     pub(crate) rate_hz: Option<f64>,
-    /// What was added to exposure times to get log times.
+    /// Offset from exposure times to log times.
     pub(crate) wall_offset_ns: u64,
-    /// The camera's controls, as [`SourceInfo::controls`] said it.
+    /// The camera's controls, from [`SourceInfo::controls`].
     pub(crate) controls: Option<String>,
 }
 
-/// A metadata record or an attachment that overcam did not write in this form.
+/// Errors in a metadata record or an attachment.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProvenanceError {
-    /// The metadata record lacks a key.
+    /// A key is missing in the metadata record.
     #[error("its metadata lacks the key `{0}`")]
     MissingKey(&'static str),
-    /// The value of a key cannot be read.
+    /// The value of a key is invalid.
     #[error("its metadata has the unreadable value {value:?} for the key `{key}`")]
     BadValue {
         /// The key.
         key: &'static str,
-        /// What it says.
+        /// Its value.
         value: String,
     },
-    /// The frames are said to have more pixels than a picture may have.
+    /// The frame size is above the limit.
     #[error(
         "its metadata claims frames of {}x{} pixels; sides must be 1 to {MAX_SIDE}, and no more than {AREA_MAX} in all",
         .0.width, .0.height
     )]
     Size(Size),
-    /// An attachment that must be text is not.
+    /// A text attachment is not valid UTF-8.
     #[error("its attachment `{0}` is not UTF-8 text")]
     NotText(String),
 }
 
-/// A file of the run as it goes into the recording.
+/// A file of the run as stored in the recording.
 pub(crate) struct AttachedFile<'a> {
     pub(crate) name: String,
     pub(crate) media_type: &'static str,
@@ -107,7 +108,7 @@ pub(crate) struct AttachedFile<'a> {
 }
 
 impl Provenance {
-    /// The files to attach, in the order in which they are written.
+    /// The files to attach, in writing order.
     pub(crate) fn attached_files(&self) -> Vec<AttachedFile<'_>> {
         let markers = self.markers.iter().map(|marker| AttachedFile {
             name: format!("{MARKER_FOLDER}{}{MARKER_SUFFIX}", marker.name),
@@ -127,7 +128,7 @@ impl Provenance {
         markers.chain(calibration).chain(region).collect()
     }
 
-    /// Takes in an attachment of a recording; one that is no file of the run is ignored.
+    /// Adds an attachment of a recording; unknown attachments are ignored.
     pub(crate) fn add_attachment(
         &mut self,
         name: &str,
@@ -195,7 +196,8 @@ pub(crate) fn to_metadata(
     metadata
 }
 
-/// Reads the metadata record of a recording. The markers, the calibration and the region are attachments and still lack.
+/// Reads the metadata record of a recording. Markers, calibration and region are attachments and
+/// still missing.
 pub(crate) fn from_metadata(
     metadata: &BTreeMap<String, String>,
 ) -> Result<(Frames, Provenance), ProvenanceError> {
@@ -209,7 +211,7 @@ pub(crate) fn from_metadata(
         width: number(metadata, "width")?,
         height: number(metadata, "height")?,
     };
-    // Memory is taken by what these say.
+    // Memory is allocated according to these.
     if !size_is_possible(size) {
         return Err(ProvenanceError::Size(size));
     }
@@ -334,7 +336,7 @@ mod tests {
         assert_eq!(read, provenance);
         let expected = Frames {
             size: info.size,
-            // Foxglove has no name for I420.
+            // Foxglove does not support I420.
             stored_format: PixelFormat::Rgb,
             rate_hz: info.rate_hz,
             wall_offset_ns: 1_790_000_000_123,

@@ -1,24 +1,30 @@
-//! Recording: every frame and every result into one MCAP file, as protobuf messages with Foxglove's schemas.
+//! Recording: all frames and results in one MCAP file, as protobuf messages with Foxglove's
+//! schemas.
 //!
-//! # What is in the file
+//! # Content of the file
 //!
-//! The camera's frames and the results of each, on the topics that [`topics`](crate::output::foxglove::topics) lists.
+//! The camera's frames and the results of each, on the topics listed in
+//! [`topics`](crate::output::foxglove::topics).
 //!
-//! Settings, markers, calibration and region stand before the first message ([`Provenance`]). A new floor is
-//! the attachment `background.png` ([`BackgroundModel`]), written before the first frame to which it applies: the order in the file is its meaning.
+//! Settings, markers, calibration and region precede the first message ([`Provenance`]). A new
+//! background is stored as the attachment `background.png` ([`BackgroundModel`]) before the first
+//! frame to which it applies, so the order in the file matters.
 //!
-//! A message's sequence is the frame's, in 32 bits. Its log time is the moment of exposure: on the wall clock for a camera,
-//! with an offset that is measured once so that a replay gets back the exact time stamps; for any other source the stamp
-//! itself, so that the same input gives the same file, byte for byte.
+//! The sequence number of a message is the frame's, in 32 bits. Its log time is the time of
+//! exposure. For a camera it is on the wall clock, with an offset measured once, so that a replay
+//! restores the exact time stamps. For any other source it is the stamp itself, so that the same
+//! input gives the same file, byte by byte.
 //!
-//! # What survives a crash
+//! # Crash safety
 //!
-//! Messages collect in a chunk, compressed in memory. The chunk is handed to the operating system as soon as it covers
-//! [`FLUSH_INTERVAL_NS`] or holds [`CHUNK_BYTES`], so a killed process loses less than that. A chunk is on disk whole or,
-//! if the disk is full, taken off again: the file always ends with a whole chunk. What then lacks is the index at its end, which
-//! [`recover`](crate::output::mcap::recover) adds. Nothing is synchronised to the medium: a power failure may cost more.
+//! Messages are collected in a chunk, compressed in memory. The chunk is written as soon as it
+//! covers [`FLUSH_INTERVAL_NS`] or holds [`CHUNK_BYTES`], so a killed process loses less than that.
+//! If the disk is full, a partial chunk is removed again: the file always ends with a complete
+//! chunk. Only the index at its end is then missing, which
+//! [`recover`](crate::output::mcap::recover) adds. There is no fsync: a power failure may lose
+//! more.
 //!
-//! Chunks are compressed with zstd at level 1; the constant `ZSTD_LEVEL` says why.
+//! Chunks are compressed with zstd at level 1; for the reason see the constant `ZSTD_LEVEL`.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
@@ -42,68 +48,71 @@ use crate::output::mcap::provenance::{self, BACKGROUND_NAME, METADATA_NAME, Prov
 use crate::run::slot::{Slot, SourceInfo};
 use crate::run::status::counted;
 
-/// A chunk is written once its newest frame is this much later than the newest one in the file.
+/// A chunk is written when its newest frame is this much later than the newest one in the file.
 pub const FLUSH_INTERVAL_NS: u64 = 500_000_000;
-/// A chunk is written once it holds this many uncompressed bytes; a reader needs about as much memory.
+/// A chunk is written when it holds this many uncompressed bytes; a reader needs about as much
+/// memory.
 pub const CHUNK_BYTES: usize = 8 << 20;
 
-/// Compression of the chunks. YUYV frames of 640x480 with noise of sigma 1 and 3 (of 255) shrink to .43 and .58 of their
-/// size in 6.3 and 1.5 ms; lz4 reaches .64 and .99 in 3.1 and 2.0 ms, level 3 .40 and .58 in 8.7 and 12 ms.
+/// Compression level of the chunks. YUYV frames of 640x480 with noise of sigma 1 and 3 (of 255)
+/// shrink to .43 and .58 of their size in 6.3 and 1.5 ms; lz4 reaches .64 and .99 in 3.1 and 2.0
+/// ms, level 3 .40 and .58 in 8.7 and 12 ms.
 const ZSTD_LEVEL: u32 = 1;
 
-/// Room for the end of a file without its chunks: the schemas, channels and counts once more.
+/// Space for the end of a file without its chunk index: schemas, channels and counts.
 const INDEX_BYTES_MAX: u64 = 128 << 10;
-/// Room for the entry of a chunk in the index at the end.
+/// Space for the index entry of a chunk at the end.
 const CHUNK_INDEX_BYTES_MAX: u64 = 256;
 
-/// Writes a recording into one file; a [`Series`](crate::output::mcap::series::Series) writes several. Dropped without [`Recorder::finish`] it still closes the file as well as it can.
+/// Writes a recording into one file; a [`Series`](crate::output::mcap::series::Series) writes
+/// several. If dropped without [`Recorder::finish`], it still tries to close the file.
 pub struct Recorder {
     path: PathBuf,
-    /// `None` after an error of the file: nothing can be written any more.
+    /// `None` after a write error: nothing can be written any more.
     mcap: Option<Mcap>,
-    /// The file beside its writer's back: to learn its length, and to cut off what was written in part.
+    /// A second handle of the file, for its length and for removing partial writes.
     file: File,
     images: ImageEncoder,
-    /// By whether their frames use the full range.
+    /// Indexed by whether the frames use the full range.
     image_channels: [Option<ImageChannels>; 2],
     results: ResultChannels,
     wall_offset_ns: u64,
     /// [`FRAME_IMAGE`] or [`FRAME_FLOOR`].
     frame_of_results: u32,
     image_from_floor: Option<Matrix3<f64>>,
-    /// Number of the frame before, which may be in the file before.
+    /// Sequence number of the previous frame, which may be in the previous file.
     previous_sequence: Option<u64>,
-    /// Size that all messages of the next frame will hardly exceed.
+    /// Estimated upper limit for the size of all messages of the next frame.
     frame_bytes_at_most: u64,
-    /// Chunks in the file, of which each has an entry in its index.
+    /// Number of chunks in the file, each of which needs an index entry.
     n_chunks: u64,
     chunk: OpenChunk,
-    /// Stamp of the newest frame that is in the file.
+    /// Stamp of the newest frame in the file.
     flushed_stamp_ns: Option<u64>,
-    /// What a reader finds in the file as it is.
+    /// The readable content of the file so far.
     written: Summary,
-    /// Reused from message to message.
+    /// Reused for each message.
     message: Vec<u8>,
 }
 
-/// What is in the chunk that is not yet in the file.
+/// Content of the chunk that is not yet in the file.
 #[derive(Default)]
 struct OpenChunk {
     frames: u64,
     skipped: u64,
     missing: u64,
     image_bytes: usize,
-    /// All messages, not compressed.
+    /// Uncompressed size of all messages.
     bytes: u64,
     newest_stamp_ns: Option<u64>,
 }
 
-/// What a recording holds.
+/// Content of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Summary {
-    /// Frames, those that were passed over included.
+    /// Frames, including skipped ones.
     pub frames: u64,
-    /// Frames that were passed over.
+    /// Skipped frames.
     pub skipped: u64,
     /// Frames missing between recorded ones, by their sequence numbers.
     pub missing: u64,
@@ -111,16 +120,16 @@ pub struct Summary {
     pub bytes: u64,
 }
 
-/// Why a recording cannot be made or went no further.
+/// Reasons why a recording cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file is there already.
+    /// The file already exists.
     #[error("{} exists already and is not overwritten; remove it or choose another name", path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// The folder for the file is not there.
+    /// The folder for the file does not exist.
     #[error("{} cannot be created: there is no such folder; create it or choose another place", path.display())]
     MissingFolder {
         /// The file.
@@ -131,10 +140,10 @@ pub enum RecordError {
     Create {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// There is no more room.
+    /// The disk is full.
     #[error(
         "the disk is full: {} ends after {}; make room, then `overcam recover` completes the file", path.display(),
         counted(*frames, "frame")
@@ -142,10 +151,10 @@ pub enum RecordError {
     DiskFull {
         /// The file.
         path: PathBuf,
-        /// Frames that it holds.
+        /// Number of frames in it.
         frames: u64,
     },
-    /// The file cannot be written any more for another reason.
+    /// Writing failed for another reason.
     #[error(
         "{} cannot be written any more ({source}) and ends after {}; `overcam recover` completes the file",
         path.display(),
@@ -154,9 +163,9 @@ pub enum RecordError {
     Write {
         /// The file.
         path: PathBuf,
-        /// Frames that it holds.
+        /// Number of frames in it.
         frames: u64,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
     /// An earlier error ended the recording.
@@ -165,25 +174,25 @@ pub enum RecordError {
         /// The file.
         path: PathBuf,
     },
-    /// One frame cannot be stored; the recording goes on.
+    /// One frame cannot be stored; the recording continues.
     #[error("frame {sequence} cannot be recorded: {source}")]
     Image {
-        /// Number of the frame.
+        /// Sequence number of the frame.
         sequence: u64,
-        /// Why.
+        /// The cause.
         source: ImageError,
     },
 }
 
 impl RecordError {
-    /// Whether the recording has ended with this error. Otherwise it lacks one frame and goes on.
+    /// Whether the recording has ended with this error. Otherwise only one frame is missing.
     #[must_use]
     pub fn is_final(&self) -> bool {
         !matches!(self, Self::Image { .. })
     }
 }
 
-/// What every file of a recording starts with.
+/// Data at the start of every file of a recording.
 #[derive(Debug, Clone)]
 pub(crate) struct Start {
     info: SourceInfo,
@@ -201,17 +210,17 @@ impl Start {
     }
 }
 
-/// What goes on from one file of a recording to the next.
+/// State passed from one file of a recording to the next.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Continuation<'a> {
     wall_offset_ns: u64,
     previous_sequence: Option<u64>,
-    /// The floor in use, and the stamp of the frame from which on it is.
+    /// The current background, and the stamp of the frame from which it applies.
     floor: Option<(&'a BackgroundModel, u64)>,
 }
 
 impl<'a> Continuation<'a> {
-    /// With the floor from which the next file starts.
+    /// Adds the background with which the next file starts.
     pub(crate) fn with_floor(self, floor: Option<&'a BackgroundModel>, stamp_ns: u64) -> Self {
         Self {
             floor: floor.map(|floor| (floor, stamp_ns)),
@@ -221,11 +230,11 @@ impl<'a> Continuation<'a> {
 }
 
 impl Recorder {
-    /// Creates the file and writes everything that is known before the first frame.
+    /// Creates the file and writes everything known before the first frame.
     ///
     /// # Errors
     ///
-    /// [`RecordError`] when the file exists already, cannot be created or cannot be written.
+    /// [`RecordError`] if the file already exists, cannot be created or cannot be written.
     pub fn create(
         path: &Path,
         info: &SourceInfo,
@@ -236,7 +245,7 @@ impl Recorder {
         Self::start_file(path, &start, None)
     }
 
-    /// Creates a file that begins a recording, or goes on with one.
+    /// Creates the first or a further file of a recording.
     pub(crate) fn start_file(
         path: &Path,
         start: &Start,
@@ -244,7 +253,7 @@ impl Recorder {
     ) -> Result<Self, RecordError> {
         let file = create_file(path)?;
         Self::start(path, file, start, before).map_err(|error| {
-            // What is of no use must not stand in the way of the next attempt.
+            // An unusable file must not block the next attempt.
             let _ = fs::remove_file(path);
             write_error(path, 0, error)
         })
@@ -312,7 +321,7 @@ impl Recorder {
         })
     }
 
-    /// What the next file of the recording must know.
+    /// State for the next file of the recording.
     pub(crate) fn continuation(&self) -> Continuation<'static> {
         Continuation {
             wall_offset_ns: self.wall_offset_ns,
@@ -321,8 +330,8 @@ impl Recorder {
         }
     }
 
-    /// Size that the file will hardly exceed if it is finished after so many more frames like the last one, with twice as
-    /// many objects and, where pictures are compressed, twice as much in them.
+    /// Estimated upper limit for the size of the finished file after this many more frames like the
+    /// last one, but with twice as many objects and, for compressed images, twice the data.
     pub(crate) fn bytes_at_most(&self, more_frames: u64) -> u64 {
         self.written.bytes
             + self.chunk.bytes
@@ -331,18 +340,20 @@ impl Recorder {
             + self.n_chunks * CHUNK_INDEX_BYTES_MAX
     }
 
-    /// Writes one frame, the background that applies from it on, and its results: the slot's scene, if the frame was processed
-    /// and the scene has its number and its time stamp. A slot is reused; that of a frame without results, because the
-    /// background was still being learned, may hold an older scene.
+    /// Writes one frame, the background that applies from it on, and its results: the slot's scene,
+    /// if the frame was processed and the scene has its number and its time stamp. Slots are
+    /// reused: for a frame without results, because the background was still being learned, the
+    /// slot may hold an older scene.
     ///
     /// # Errors
     ///
-    /// [`RecordError::Image`] leaves out one frame and the recording goes on; after any other error it has ended, the file
-    /// holds what was flushed before, and further calls give [`RecordError::Stopped`].
+    /// [`RecordError::Image`] drops one frame and the recording continues. After any other error it
+    /// has ended, the file holds what was flushed before, and further calls return
+    /// [`RecordError::Stopped`].
     ///
     /// # Panics
     ///
-    /// If the background is empty, or its planes or its noise do not have its size.
+    /// If the background is empty, or its planes or its noise do not match its size.
     pub fn write(&mut self, slot: &Slot) -> Result<(), RecordError> {
         let Some(mut mcap) = self.mcap.take() else {
             return Err(RecordError::Stopped {
@@ -368,17 +379,18 @@ impl Recorder {
         Ok(())
     }
 
-    /// What the file holds as it is. What came since the last flush is not in it yet.
+    /// The content of the file so far, without data since the last flush.
     #[must_use]
     pub fn written(&self) -> Summary {
         self.written
     }
 
-    /// Writes what is left and the index.
+    /// Writes the remaining data and the index.
     ///
     /// # Errors
     ///
-    /// [`RecordError`] when there is no room for the rest; [`RecordError::Stopped`] when the recording had ended before.
+    /// [`RecordError`] if there is no space for the rest; [`RecordError::Stopped`] if the recording
+    /// had already ended.
     pub fn finish(mut self) -> Result<Summary, RecordError> {
         let Some(mut mcap) = self.mcap.take() else {
             return Err(RecordError::Stopped {
@@ -447,7 +459,7 @@ impl Recorder {
         self.chunk.image_bytes += image_bytes;
         self.chunk.bytes += frame_bytes;
         self.chunk.newest_stamp_ns = Some(frame.stamp_ns);
-        // The very first frame is flushed at once: from then on the file can be replayed.
+        // The very first frame is flushed immediately: from then on the file can be replayed.
         let is_due = self
             .flushed_stamp_ns
             .is_none_or(|flushed_ns| frame.stamp_ns.abs_diff(flushed_ns) >= FLUSH_INTERVAL_NS);
@@ -457,7 +469,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Hands the open chunk to the operating system.
+    /// Writes the open chunk to the file.
     fn flush(&mut self, mcap: &mut Mcap) -> McapResult<()> {
         mcap.flush()?;
         self.n_chunks += 1;
@@ -472,9 +484,9 @@ impl Recorder {
         Ok(())
     }
 
-    /// Ends the recording after an error: the file is cut back to what a reader can use.
+    /// Ends the recording after an error: the file is truncated to its readable part.
     fn stop(&mut self, mcap: Mcap, error: McapError) -> RecordError {
-        // The buffer's remains must not be written behind the cut, as dropping it would.
+        // Dropping the buffer would write its content after the truncation.
         let (file, _unwritten) = mcap.into_inner().into_inner().into_parts();
         drop(file);
         // If this fails too, the file ends within a chunk, and readers stop before it just as well.
@@ -493,12 +505,12 @@ impl Recorder {
     }
 
     fn log_time_ns(&self, stamp_ns: u64) -> u64 {
-        // Wrapping, so that a replay gets back any stamp by subtracting.
+        // Wrapping, so that a replay restores any stamp by subtraction.
         stamp_ns.wrapping_add(self.wall_offset_ns)
     }
 }
 
-/// Creates a file that is not there yet.
+/// Creates a new file.
 pub(crate) fn create_file(path: &Path) -> Result<File, RecordError> {
     File::create_new(path).map_err(|source| {
         let path = path.to_owned();
@@ -510,8 +522,8 @@ pub(crate) fn create_file(path: &Path) -> Result<File, RecordError> {
     })
 }
 
-/// Starts an MCAP file. Chunks are put together in memory and end only with a flush, so that each is on disk whole or not at
-/// all.
+/// Starts an MCAP file. Chunks are assembled in memory and end only with a flush, so that each is
+/// written completely or not at all.
 pub(crate) fn open_mcap(file: File) -> McapResult<Mcap> {
     WriteOptions::new()
         .library(concat!("overcam ", env!("CARGO_PKG_VERSION")))
@@ -523,7 +535,7 @@ pub(crate) fn open_mcap(file: File) -> McapResult<Mcap> {
         .create(NoSeek::new(BufWriter::new(file)))
 }
 
-/// The error of a file that could not be written further.
+/// The error for a failed write.
 pub(crate) fn write_error(path: &Path, frames: u64, error: McapError) -> RecordError {
     let path = path.to_owned();
     let source = match error {
@@ -569,7 +581,7 @@ fn inverse(rows: [[f64; 3]; 3]) -> Option<Matrix3<f64>> {
     Matrix3::from_rows(&rows.map(RowVector3::from)).try_inverse()
 }
 
-/// Wall clock less monotonic clock.
+/// Wall clock minus monotonic clock.
 fn wall_offset_ns() -> u64 {
     let monotonic = Duration::from_nanos(monotonic_ns());
     let wall = SystemTime::now()

@@ -1,10 +1,11 @@
-//! The records of an MCAP file, one after another, in bounded memory.
+//! Reads the records of an MCAP file sequentially, in bounded memory.
 //!
-//! A thin layer over the `mcap` crate's reader without input and output, which is fed from any [`Read`]. It adds what a file
-//! from a crashed disk needs: a limit to the length of a record, reading in small portions so that a corrupt length costs no
-//! memory that the file does not have, and a check of attachments, whose lengths the crate trusts.
+//! A thin layer over the `mcap` crate's sans-io reader, which is fed from any [`Read`]. It adds
+//! what damaged files require: a limit for the length of a record, reads in small portions so that
+//! a corrupt length does not allocate memory for data that do not exist, and a check of
+//! attachments, whose lengths the crate trusts.
 //!
-//! Deliberately absent: seeking. A recording is read from its start to its end, and one without an index reads just as well.
+//! Deliberately absent: seeking. A recording is read sequentially, so no index is needed.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -15,25 +16,27 @@ use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-/// Longest record, and longest chunk before and after compression. A frame of 8192x8192 in RGB fits.
+/// Maximum size of a record, and of a chunk before and after compression. A frame of 8192x8192 in
+/// RGB fits.
 const RECORD_BYTES_MAX: usize = 256 << 20;
-/// Most bytes to ask a file for at a time.
+/// Maximum number of bytes per read.
 const PORTION_BYTES: usize = 1 << 20;
 
-/// Whether chunks are taken apart.
+/// Whether chunks are unpacked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Chunks {
-    /// The records inside are given. The checksum of a chunk is tested before its first record is given.
+    /// The records inside are returned. The checksum of a chunk is verified before its first
+    /// record.
     Unpacked,
-    /// A chunk is one record. See [`unpack_chunk`].
+    /// A chunk is returned as one record. See [`unpack_chunk`].
     Whole,
 }
 
-/// Reads records.
+/// Reader of records.
 pub(crate) struct Records<R> {
     source: R,
     reader: LinearReader,
-    /// What is still expected of the file's first bytes.
+    /// The part of the file's magic bytes that has not been read yet.
     magic: &'static [u8],
 }
 
@@ -43,38 +46,38 @@ pub(crate) struct RawRecord {
     pub(crate) content: Bytes,
 }
 
-/// Why there is no next record.
+/// Reasons why there is no next record.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RecordsError {
-    /// The system could not read the file.
+    /// A read error of the system.
     #[error(transparent)]
     File(io::Error),
-    /// The file's start is not that of an MCAP file.
+    /// The file does not start with MCAP magic bytes.
     #[error("not an MCAP file")]
     NotMcap,
-    /// The file stops before its end mark.
+    /// The file ends before its end mark.
     #[error("ends in the middle")]
     Truncated,
-    /// The content is not what it should be.
+    /// The content is invalid.
     #[error(transparent)]
     Damaged(McapError),
 }
 
-/// Why a path cannot be opened as an MCAP file.
+/// Reasons why a path cannot be opened as an MCAP file.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// The system refuses.
+    /// An error of the system.
     #[error("cannot be opened ({0}); check its name")]
     System(#[from] io::Error),
-    /// It is a folder.
+    /// The path is a folder.
     #[error("is a folder, not a recording; name the .mcap file in it")]
     Folder,
-    /// It has no content.
+    /// The file is empty.
     #[error("is empty: nothing was recorded")]
     Empty,
 }
 
-/// Opens a file for reading from its start.
+/// Opens a file for reading.
 pub(crate) fn open(path: &Path) -> Result<File, OpenError> {
     let file = File::open(path)?;
     let metadata = file.metadata()?;
@@ -88,7 +91,7 @@ pub(crate) fn open(path: &Path) -> Result<File, OpenError> {
 }
 
 impl<R: Read> Records<R> {
-    /// Records of a whole MCAP file.
+    /// A reader for a whole MCAP file.
     pub(crate) fn new(source: R, chunks: Chunks) -> Self {
         let mut records = Self::with_options(source, LinearReaderOptions::default(), chunks);
         records.magic = mcap::MAGIC;
@@ -120,7 +123,8 @@ impl<R: Read> Records<R> {
                 Ok(LinearReadEvent::ReadRequest(n_bytes)) => {
                     let buffer = self.reader.insert(n_bytes.min(PORTION_BYTES));
                     let n_read = read(&mut self.source, buffer).map_err(RecordsError::File)?;
-                    // The reader looks at the magic bytes as a whole, and would take a shorter text for a recording cut there.
+                    // The crate's reader checks the magic bytes as a whole, and would treat a
+                    // shorter file as a truncated recording.
                     let n_magic = n_read.min(self.magic.len());
                     let (due, rest) = self.magic.split_at(n_magic);
                     if buffer[..n_magic] != *due {
@@ -148,7 +152,7 @@ impl RawRecord {
     }
 }
 
-/// The records in a chunk record, after a test of its checksum.
+/// The records in a chunk record, after verification of its checksum.
 pub(crate) fn unpack_chunk(content: &[u8]) -> Result<Vec<RawRecord>, RecordsError> {
     let framing = [&[op::CHUNK][..], &(content.len() as u64).to_le_bytes()].concat();
     let options = LinearReaderOptions::default()
@@ -171,7 +175,8 @@ fn read(source: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     }
 }
 
-/// Whether the lengths in an attachment record fit the record: two times, name, media type, data, checksum.
+/// Whether the lengths in an attachment record are consistent: two times, name, media type, data,
+/// checksum.
 fn is_attachment(content: &[u8]) -> bool {
     fn skip_text(content: &[u8]) -> Option<&[u8]> {
         let (length, rest) = content.split_first_chunk()?;
@@ -214,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_no_mcap_is_told_from_one_that_was_cut() {
+    fn a_non_mcap_file_is_distinguished_from_a_truncated_one() {
         let first = |content: &[u8]| Records::new(content, Chunks::Unpacked).next().err();
         assert!(matches!(
             first(b"RIFF....AVI "),

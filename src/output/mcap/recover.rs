@@ -1,12 +1,15 @@
-//! Recovery: a complete, indexed file out of a recording whose writer was stopped, or whose content is damaged.
+//! Recovery: makes a complete, indexed file from a recording that is truncated or damaged.
 //!
-//! Every chunk whose checksum holds is kept, with its messages, in their order; so are metadata and attachments, in their
-//! place. A damaged chunk or attachment is left out and counted, an unfinished one at the end is left out. Reading goes on
-//! behind damage as long as the lengths of the records still lead from one to the next.
+//! Every chunk with a valid checksum is kept, with its messages in their order; so are metadata and
+//! attachments, in their position. A damaged chunk or attachment is dropped and counted; an
+//! incomplete one at the end is dropped. Reading continues after damage as long as the lengths of
+//! the records are consistent.
 //!
-//! It works on any MCAP file, not only on those of overcam. An intact file is rewritten with an index.
+//! Works for any MCAP file, not only for those of overcam. An intact file is rewritten with an
+//! index.
 //!
-//! Deliberately absent: messages out of a chunk whose checksum fails. What is kept is what was written.
+//! Deliberately absent: messages from a chunk with an invalid checksum. Only data known to be
+//! correct are kept.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -23,7 +26,7 @@ use crate::output::mcap::records::{
     Chunks, OpenError, RawRecord, Records, RecordsError, open, unpack_chunk,
 };
 
-/// What was kept and what was not.
+/// Result of a recovery.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Report {
     /// Messages kept.
@@ -32,17 +35,17 @@ pub struct Report {
     pub images: u64,
     /// Attachments kept.
     pub attachments: u64,
-    /// Chunks, attachments and other records left out because they are damaged.
+    /// Number of damaged chunks, attachments and other records that were dropped.
     pub damaged: u64,
-    /// Whether the input was read up to its proper end.
+    /// Whether the input was read up to its regular end.
     pub complete: bool,
-    /// Time between the first and the last message kept, by their log times.
+    /// Time between the first and the last message kept, according to their log times.
     pub duration_ns: u64,
     /// Size of the new file.
     pub bytes: u64,
 }
 
-/// Why nothing can be recovered.
+/// Reasons why nothing can be recovered.
 #[derive(Debug, thiserror::Error)]
 pub enum RecoverError {
     /// The input cannot be opened.
@@ -50,42 +53,43 @@ pub enum RecoverError {
     Open {
         /// The input.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: OpenError,
     },
-    /// The input is something else.
+    /// The input is not an MCAP file.
     #[error("{} is not an MCAP file: there is nothing to recover", path.display())]
     NotMcap {
         /// The input.
         path: PathBuf,
     },
-    /// The system could not read the input on. The output holds what came before.
+    /// A read error of the system. The output has everything before it.
     #[error("{} cannot be read any further ({source}); {} holds what came before", path.display(), output.display())]
     Read {
         /// The input.
         path: PathBuf,
         /// The output.
         output: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The output cannot be written. It is removed again.
+    /// The output cannot be written, and is removed again.
     #[error(transparent)]
     Output(#[from] RecordError),
 }
 
-/// Rewrites what is readable of `input` into the new file `output`.
+/// Rewrites the readable part of `input` to the new file `output`.
 ///
 /// # Errors
 ///
-/// [`RecoverError`] when the input cannot be read or is no MCAP file, or when the output exists or cannot be written.
+/// [`RecoverError`] if the input cannot be read or is not an MCAP file, or if the output exists or
+/// cannot be written.
 pub fn recover(input: &Path, output: &Path) -> Result<Report, RecoverError> {
     let file = open(input).map_err(|source| RecoverError::Open {
         path: input.to_owned(),
         source,
     })?;
     let mut records = Records::new(file, Chunks::Whole);
-    // The first record is the header, of which nothing is kept: a file without it is not worth an output.
+    // The first record is the header, of which nothing is kept: without one, no output is created.
     if matches!(records.next(), Err(RecordsError::NotMcap)) {
         return Err(RecoverError::NotMcap {
             path: input.to_owned(),
@@ -106,14 +110,15 @@ pub fn recover(input: &Path, output: &Path) -> Result<Report, RecoverError> {
         }),
         Ok((target, None)) => Ok(target.into_report(output)),
         Err(error) => {
-            // Half a copy is of no use; if it cannot be removed either, the error to tell is still the first.
+            // A partial copy is useless. If it cannot be removed either, the first error is still
+            // returned.
             let _ = fs::remove_file(output);
             Err(write_error(output, 0, error).into())
         }
     }
 }
 
-/// The output, and the numbers that schemas and channels have in it.
+/// The output, and the mapping of schema and channel ids to it.
 struct Target {
     mcap: Mcap,
     report: Report,
@@ -145,7 +150,8 @@ impl Target {
         }
     }
 
-    /// Copies every record up to the end of the data or of what is readable. Returns the error if the system could not read on.
+    /// Copies every record up to the end of the data or of the readable part. Returns the error if
+    /// the system could not read further.
     fn copy_all(&mut self, records: &mut Records<File>) -> McapResult<Option<io::Error>> {
         loop {
             match records.next() {
@@ -164,7 +170,7 @@ impl Target {
         }
     }
 
-    /// Copies a record of the file, a chunk record by record.
+    /// Copies a record of the file; a chunk is copied record by record.
     fn copy(&mut self, record: &RawRecord) -> McapResult<()> {
         if record.opcode != op::CHUNK {
             return self.copy_unpacked(record);
@@ -218,7 +224,7 @@ impl Target {
             }
             Record::Message { mut header, data } => {
                 let Some(channel) = self.channels.get(&header.channel_id) else {
-                    // Its channel was defined in a chunk that is lost.
+                    // Its channel was defined in a lost chunk.
                     self.report.damaged += 1;
                     return Ok(());
                 };
@@ -235,7 +241,7 @@ impl Target {
                     self.chunk_bytes = 0;
                 }
             }
-            // The new file gets a header and an index of its own.
+            // The new file has its own header and index.
             _ => {}
         }
         Ok(())

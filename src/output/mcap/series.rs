@@ -1,15 +1,19 @@
-//! A recording in several files, where one would grow too large: `run.mcap`, `run-2.mcap`, `run-3.mcap` and so on.
+//! A recording in several files of limited size: `run.mcap`, `run-2.mcap`, `run-3.mcap` and so on.
 //!
-//! Each file is complete: settings, markers, calibration, region, the floor in use and its own index. Frame numbers and the offset of
-//! the clock go on from file to file, so that the files one after the other hold every frame once. A replay of a later file begins with
-//! the floor as the run had it there, rounded to whole grey levels. Tracks begin anew in it, with new numbers, and so does what
-//! was learned of the light and of motions: after a second or two the results are those of the run but for that.
+//! Each file is complete: settings, markers, calibration, region, the current background and its
+//! own index. Frame numbers and the clock offset continue across files, so that together the files
+//! contain every frame once. A replay of a later file starts with the background of the run at that
+//! point, rounded to whole grey levels. Tracks restart with new numbers, and so do the estimates of
+//! illumination and motion: apart from that, the results equal those of the run after a second or
+//! two.
 //!
-//! A new file begins where a limit is reached. To know the floor there, the recorder [asks](Series::is_due) for it a few frames before
-//! and takes the frame that [brings it](Slot::floor_in_use). Where none comes, the floor that was in use last has to do.
+//! A new file starts when a limit is reached. To have the background at that point, the recorder
+//! [requests](Series::is_due) it a few frames earlier, and the new file starts with the frame that
+//! [has it](Slot::floor_in_use). If none arrives, the last known background is used.
 //!
-//! The numbers have no leading zeros: natural order, that of `ls -v` and of file managers, is the order of time. A file that exists is
-//! never overwritten: a series does not start among files of an older one, and leaves out a number that is taken later.
+//! The numbers have no leading zeros: natural order, as in `ls -v` and file managers, is
+//! chronological. An existing file is never overwritten: a series does not start among files of an
+//! older one, and skips a number that is used later.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,46 +24,48 @@ use crate::output::mcap::provenance::Provenance;
 use crate::output::mcap::record::{RecordError, Recorder, Start, Summary};
 use crate::run::slot::{Slot, SourceInfo};
 
-/// Frames after which a new file begins without a floor that was asked for: more than are under way in the program.
-const PATIENCE_FRAMES: u32 = 64;
+/// Number of frames after which a new file starts without the requested background: more than are
+/// in the program at a time.
+const TIMEOUT_FRAMES: u32 = 64;
 
-/// Frames that may come between asking for a floor and getting it, for which room is kept in the file.
+/// Maximum number of frames between request and arrival of the background, for which space is kept
+/// in the file.
 const FRAMES_AHEAD: u64 = 20;
 
-/// When a new file begins.
+/// Limits of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Limits {
-    /// Largest file, bytes. A file has one frame at least.
+    /// Maximum file size in bytes. A file has at least one frame.
     pub bytes: Option<u64>,
-    /// Longest time between the first and the last frame of a file.
+    /// Maximum time between the first and the last frame of a file.
     pub duration_ns: Option<u64>,
 }
 
-/// Writes a recording, in as many files as its limits ask for.
+/// Writes a recording, in as many files as required by its limits.
 pub struct Series {
     path: PathBuf,
     start: Start,
     limits: Limits,
     /// `None` after an error.
     recorder: Option<Recorder>,
-    /// Of the file that is being written.
+    /// Number of the current file.
     number: u32,
     n_files: u32,
     first_stamp_ns: Option<u64>,
     /// Frames since a limit was nearly reached.
     due_for: Option<u32>,
-    /// The floor in use, where a later file may need it.
+    /// The current background, if a later file may need it.
     floor: Option<BackgroundModel>,
-    /// What the files before hold.
+    /// Content of the previous files.
     finished: Summary,
 }
 
-/// A file that is complete, and the one after it.
+/// A completed file and its successor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NextFile {
-    /// The complete file.
+    /// The completed file.
     pub finished: PathBuf,
-    /// What it holds.
+    /// Its content.
     pub summary: Summary,
     /// The new file.
     pub path: PathBuf,
@@ -70,7 +76,8 @@ impl Series {
     ///
     /// # Errors
     ///
-    /// [`RecordError`] when it, or with limits a numbered one beside it, exists already, and when it cannot be created.
+    /// [`RecordError`] if it, or with limits a numbered one in the same folder, already exists, or
+    /// if it cannot be created.
     pub fn create(
         path: &Path,
         info: &SourceInfo,
@@ -98,21 +105,23 @@ impl Series {
         })
     }
 
-    /// Whether a limit is so near that a slot with the floor in use is wanted, of which a new file will begin.
+    /// Whether a limit is so close that a slot with the current background is needed to start a new
+    /// file.
     #[must_use]
     pub fn is_due(&self, slot: &Slot) -> bool {
         self.is_too_large_with(FRAMES_AHEAD) || self.is_too_long(slot)
     }
 
-    /// Writes one frame, as [`Recorder::write`] does, into a new file if it is time for one; then what is said of that.
+    /// Writes one frame like [`Recorder::write`], into a new file if one is due; then returns
+    /// information about it.
     ///
     /// # Errors
     ///
-    /// As [`Recorder::write`] has them. That a file cannot be completed, or the next one not be created, is final.
+    /// Same as [`Recorder::write`]. Failure to complete a file or to create the next one is final.
     ///
     /// # Panics
     ///
-    /// As [`Recorder::write`] does.
+    /// Same as [`Recorder::write`].
     pub fn write(&mut self, slot: &mut Slot) -> Result<Option<NextFile>, RecordError> {
         let floor_in_use = slot.floor_in_use.take();
         let next_file = if self.is_time_for_the_next(slot, floor_in_use.is_some()) {
@@ -135,14 +144,14 @@ impl Series {
         Ok(next_file)
     }
 
-    /// What all files hold as they are. What came since the last flush is not in it yet.
+    /// The content of all files so far, without data since the last flush.
     #[must_use]
     pub fn written(&self) -> Summary {
         let newest = self.recorder.as_ref().map(Recorder::written);
         sum(self.finished, newest.unwrap_or_default())
     }
 
-    /// How many files there are.
+    /// Number of files.
     #[must_use]
     pub fn n_files(&self) -> u32 {
         self.n_files
@@ -154,11 +163,11 @@ impl Series {
         numbered(&self.path, self.number)
     }
 
-    /// Completes the last file. The sum of all.
+    /// Completes the last file. Returns the sum of all.
     ///
     /// # Errors
     ///
-    /// As [`Recorder::finish`] has them.
+    /// Same as [`Recorder::finish`].
     pub fn finish(self) -> Result<Summary, RecordError> {
         let Some(recorder) = self.recorder else {
             return Err(RecordError::Stopped { path: self.path });
@@ -177,7 +186,7 @@ impl Series {
         }
         let due_for = self.due_for.map_or(0, |frames| frames + 1);
         self.due_for = Some(due_for);
-        self.is_too_large_with(1) || has_floor || due_for >= PATIENCE_FRAMES
+        self.is_too_large_with(1) || has_floor || due_for >= TIMEOUT_FRAMES
     }
 
     fn begin_next(
@@ -200,7 +209,7 @@ impl Series {
         if let Some(floor) = floor_in_use {
             self.floor = Some(floor);
         }
-        // One that comes with the frame is written with it.
+        // A background in the slot is written with the frame.
         let floor = self.floor.as_ref().filter(|_| slot.background.is_none());
         let recorder = loop {
             self.number += 1;
@@ -260,7 +269,7 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// A file beside `path` that may belong to an older series.
+/// A file next to `path` that may belong to an older series.
 fn numbered_file(path: &Path) -> Option<PathBuf> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -274,7 +283,7 @@ fn numbered_file(path: &Path) -> Option<PathBuf> {
     numbers.first().map(|&number| numbered(path, number))
 }
 
-/// The number that a file's name has in the series that starts with `path`.
+/// The number of a file name in the series that starts with `path`.
 fn number_of(path: &Path, name: &Path) -> Option<u32> {
     let stem = path.file_stem()?.to_str()?;
     let number = name.file_stem()?.to_str()?.strip_prefix(stem)?;
@@ -282,7 +291,7 @@ fn number_of(path: &Path, name: &Path) -> Option<u32> {
     (number >= 2 && numbered(path, number).file_name() == name.file_name()).then_some(number)
 }
 
-/// What a minute of a recording will take, before the first frame is known.
+/// Estimated size of a minute of recording, before the first frame is known.
 #[must_use]
 pub fn size_estimate(info: &SourceInfo, mode: ImageMode) -> String {
     let jpeg = |quality| info.size.area() as f64 * jpeg_bytes_per_px(quality);
@@ -307,7 +316,7 @@ pub fn size_estimate(info: &SourceInfo, mode: ImageMode) -> String {
     }
 }
 
-/// Two digits or, from 100 on, whole megabytes.
+/// Megabytes with two digits, or whole from 100 on.
 fn megabytes(bytes: f64) -> String {
     let megabytes = bytes / 1e6;
     let decimals = [10.0, 1.0, 0.1]
@@ -337,7 +346,7 @@ mod tests {
     use imgproc::Size;
 
     #[test]
-    fn the_size_of_a_recording_is_told_from_its_frames() {
+    fn the_size_of_a_recording_is_estimated_from_its_frames() {
         let info = |format, rate_hz| SourceInfo {
             name: "camera".to_owned(),
             size: Size {
@@ -368,8 +377,8 @@ mod tests {
                 "about 127 MB a minute, as the source compresses",
             ),
         ];
-        for (said, expected) in cases {
-            assert_eq!(said, expected);
+        for (text, expected) in cases {
+            assert_eq!(text, expected);
         }
     }
 

@@ -1,34 +1,34 @@
-//! Why scenes cannot be published.
+//! Errors of publishing.
 
 use super::SHARED_MEMORY;
 
-/// Why a name cannot name a service.
+/// Reasons to reject the name of a service.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
-    /// There is nothing in front of the suffix.
+    /// There is nothing before the suffix.
     #[error("the name of a service is empty: give one with --service NAME")]
     Empty,
-    /// The name does not fit.
+    /// The name is too long.
     #[error("service name `{name}` has {length} characters: at most {max} are possible")]
     TooLong {
         /// The name.
         name: String,
         /// Its length in bytes.
         length: usize,
-        /// The greatest possible length in bytes.
+        /// The maximum length in bytes.
         max: usize,
     },
-    /// The name holds something other than visible ASCII characters.
+    /// The name has characters other than visible ASCII.
     #[error(
         "service name {name:?} contains {character:?}: use letters, digits and punctuation of ASCII, without spaces"
     )]
     Character {
         /// The name.
         name: String,
-        /// The first character that is not possible.
+        /// The first invalid character.
         character: char,
     },
-    /// The middleware keeps such names for itself.
+    /// The name is reserved by the middleware.
     #[error(
         "service name `{name}` is reserved by iceoryx2: choose one that does not start with `iox2://`"
     )]
@@ -38,10 +38,10 @@ pub enum NameError {
     },
 }
 
-/// Why scenes cannot be published. None of them is a reason to stop processing frames.
+/// Reasons why scenes cannot be published. None of them stops the processing of frames.
 #[derive(Debug, thiserror::Error)]
 pub enum PublishError {
-    /// The name cannot name a service.
+    /// The name is invalid for a service.
     #[error(transparent)]
     Name(#[from] NameError),
     /// Another process publishes on this service.
@@ -51,10 +51,10 @@ pub enum PublishError {
     Taken {
         /// The service.
         service: String,
-        /// The process that publishes.
+        /// The publishing process.
         pid: i32,
     },
-    /// A publisher died and could not be cleared away.
+    /// A publisher died, and its remains could not be removed.
     #[error(
         "service `{service}` is blocked by a publisher that died: try again, or choose another name with --service NAME"
     )]
@@ -62,26 +62,27 @@ pub enum PublishError {
         /// The service.
         service: String,
     },
-    /// Subscribers, or another version of the program, keep the service open with another layout or other capacities.
+    /// Subscribers, or another version of the program, keep the service open with a different
+    /// layout or different capacities.
     #[error(
         "service `{service}` is in use by programs of another version ({reason}): stop them, or choose another name with --service NAME"
     )]
     Incompatible {
         /// The service.
         service: String,
-        /// Who they are and what differs.
+        /// The programs and the difference.
         reason: String,
     },
-    /// Files of programs that ended are in the way and cannot be removed.
+    /// Files of ended programs block the service and cannot be removed.
     #[error(
         "service `{service}` is blocked by what programs that ended left behind ({reason}): remove {files}, or choose another name with --service NAME"
     )]
     Leftover {
         /// The service.
         service: String,
-        /// Who they were.
+        /// The programs.
         reason: String,
-        /// The files, with spaces in between.
+        /// The files, separated by spaces.
         files: String,
     },
     /// The files of the middleware belong to another user.
@@ -91,10 +92,10 @@ pub enum PublishError {
     Denied {
         /// The service.
         service: String,
-        /// What is denied.
+        /// The object to which access is denied.
         reason: String,
     },
-    /// The place that members of a group share cannot be used.
+    /// The shared place of the group cannot be used.
     #[error("--group {group}: {reason}")]
     Group {
         /// The group as it was given.
@@ -102,16 +103,17 @@ pub enum PublishError {
         /// What is wrong and what to do.
         reason: String,
     },
-    /// There is too little shared memory left. Going on would end the program in the middle of a scene.
+    /// Too little shared memory is left. Without this check the program would crash while writing a
+    /// scene.
     #[error(
         "service `{service}` needs {needed_kib} KiB in {SHARED_MEMORY} and {free_kib} KiB are free: enlarge it (docker: --shm-size), or use --no-publish"
     )]
     NoRoom {
         /// The service.
         service: String,
-        /// What the service may take.
+        /// Memory that the service may need.
         needed_kib: u64,
-        /// What is left.
+        /// Memory available.
         free_kib: u64,
     },
     /// The service could not be opened for another reason.
@@ -119,10 +121,11 @@ pub enum PublishError {
     Open {
         /// The service.
         service: String,
-        /// What failed, in the middleware's words.
+        /// The failure, in the middleware's words.
         reason: String,
     },
-    /// A program that left removed a file by which newcomers find the service; it is there again.
+    /// A leaving program removed a file that newcomers need to find the service; it has been
+    /// restored.
     #[error("service `{service}`: {file} had been removed, and is put back")]
     PutBack {
         /// The service.
@@ -130,22 +133,24 @@ pub enum PublishError {
         /// The file.
         file: String,
     },
-    /// Somebody removed the service's files; it has been opened anew. No scene was lost that later subscribers could have had.
+    /// The service's files were removed; it has been opened again. No scene was lost that later
+    /// subscribers could have received.
     #[error(
         "service `{service}` is published anew: another program had removed {file} (systemd does so when a user logs out: RemoveIPC=no)"
     )]
     Removed {
         /// The service.
         service: String,
-        /// One of the files that were removed.
+        /// One of the removed files.
         file: String,
     },
-    /// Somebody removed the service's files, and it cannot be opened anew; that is tried again every second.
+    /// The service's files were removed, and it cannot be opened again; this is retried every
+    /// second.
     #[error("nobody can subscribe any more, since {file} was removed: {reason}")]
     Lost {
-        /// One of the files that were removed.
+        /// One of the removed files.
         file: String,
-        /// Why it cannot be opened anew.
+        /// Why it cannot be opened again.
         reason: String,
     },
     /// One scene did not reach all subscribers; the next one may.
@@ -153,17 +158,17 @@ pub enum PublishError {
     Send {
         /// The service.
         service: String,
-        /// Number of the scene's frame.
+        /// Sequence number of the scene's frame.
         sequence: u64,
-        /// What failed, in the middleware's words.
+        /// The failure, in the middleware's words.
         reason: String,
     },
-    /// Subscribers could not be connected or woken; they see the next scene later, or not at all.
+    /// Subscribers could not be connected or woken; they get the next scene later, or not at all.
     #[error("subscribers of `{service}` were not woken ({reason})")]
     Wake {
         /// The service.
         service: String,
-        /// What failed, in the middleware's words.
+        /// The failure, in the middleware's words.
         reason: String,
     },
 }

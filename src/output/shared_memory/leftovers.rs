@@ -1,7 +1,8 @@
-//! What is known of the programs behind a service that cannot be opened, and how the remains of dead ones are removed.
+//! Finds the programs behind a service that cannot be opened, and removes the remains of dead ones.
 //!
-//! iceoryx2 clears away what its own version left behind. What another version left, and what outlived a power cut because `/tmp`
-//! is on a disk and `/dev/shm` is not, blocks the name of the service for good.
+//! iceoryx2 removes the remains of its own version. Remains of another version, and those that
+//! survived a power failure because `/tmp` is on a disk while `/dev/shm` is not, block the name of
+//! the service permanently.
 
 use std::fs;
 use std::io;
@@ -17,27 +18,27 @@ use serde::Deserialize;
 use super::place::user_name;
 use super::{Ipc, SHARED_MEMORY};
 
-/// The version of iceoryx2 that this program is built with, as its files name it.
+/// The version of iceoryx2 used by this program, as stated in its files.
 const ICEORYX2: Version = Version {
     major: 0,
     minor: 10,
     patch: 0,
 };
 
-/// Who is, or was, behind a service.
+/// The programs behind a service, dead or alive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Programs {
-    /// Process number and what differs, for a message.
+    /// Process number and difference, for a message.
     pub(crate) reason: String,
-    /// One of them lives, as far as can be known.
+    /// Whether one of them is alive, as far as can be determined.
     pub(crate) alive: bool,
-    /// The service's own files.
+    /// The files of the service itself.
     files: Vec<PathBuf>,
-    /// Those of them that are dead, by the number of their node.
+    /// Node numbers of the dead ones.
     dead: Vec<String>,
 }
 
-/// What a service's file says about it. Other versions have other fields beside.
+/// Content of a service's file. Other versions have additional fields.
 #[derive(Debug, Default, Deserialize)]
 struct StaticFile {
     iceoryx2_version: Option<Version>,
@@ -79,7 +80,7 @@ struct Payload {
     size: Option<u64>,
 }
 
-/// Who is behind the service `name`; `None` when it has no files.
+/// The programs behind the service `name`; `None` if it has no files.
 pub(crate) fn programs(config: &Config, name: &ServiceName) -> Option<Programs> {
     set_log_level(LogLevel::Fatal);
     let files: Vec<PathBuf> = [MessagingPattern::PublishSubscribe, MessagingPattern::Event]
@@ -121,7 +122,7 @@ fn reason(file: Option<&StaticFile>, living: &[Option<i32>], path: &Path) -> Str
         };
     };
     let version = file.iceoryx2_version;
-    // Before 0.10 the number of the process is in the file; since then it is in that of the node.
+    // Before 0.10 the process number is in the file; since then it is part of the node number.
     let pid = match (version, &file.unique_service_id) {
         (None, Some(Creator { pid: Some(pid) })) => Some(i64::from(*pid)),
         _ => living.iter().flatten().next().map(|&pid| i64::from(pid)),
@@ -179,11 +180,12 @@ fn tagged_nodes(config: &Config, files: &[PathBuf]) -> Vec<String> {
 }
 
 impl Programs {
-    /// Removes what the dead programs left behind, so that the service can be opened anew.
+    /// Removes the remains of dead programs, so that the service can be opened again.
     ///
     /// # Errors
     ///
-    /// Files of the service that are still there, with spaces in between; as a rule they belong to another user.
+    /// Files of the service that could not be removed, separated by spaces; usually they belong to
+    /// another user.
     pub(crate) fn remove(&self, config: &Config) -> Result<(), String> {
         let prefix = config.global.prefix.to_string();
         let node_dir = PathBuf::from(config.global.node_dir().to_string());
@@ -246,7 +248,7 @@ fn names(folder: &Path) -> Vec<String> {
 fn remove_matching(folder: &Path, matches: impl Fn(&str) -> bool) {
     for name in names(folder) {
         if matches(&name) {
-            // Those of other users are left to them.
+            // Files of other users cannot be removed.
             let _ = fs::remove_file(folder.join(name));
         }
     }
@@ -256,7 +258,7 @@ fn remove_matching(folder: &Path, matches: impl Fn(&str) -> bool) {
 mod tests {
     use super::*;
 
-    /// What iceoryx2 0.9 writes, as far as it is read.
+    /// The fields written by iceoryx2 0.9 that are read.
     const OLD: &str = "service_hash = \"9bbd\"\nservice_name = \"v/scene\"\nattributes = []\n\
         [unique_service_id]\npid = 26307\nseconds = 3419\nnanoseconds = 79\ncounter = 1\n\
         [messaging_pattern.PublishSubscribe]\nmax_subscribers = 8\n\

@@ -1,9 +1,10 @@
-//! Where in shared memory a service is published, and who may get there.
+//! The location of a service in shared memory, and its access rights.
 //!
-//! By default in the place that iceoryx2 has for all programs, so that any subscriber finds it. iceoryx2 makes the directories of that
-//! place for the first user alone; made here, they are like `/tmp`: everybody may add files, and nobody may touch another's. What
-//! another user has there all the same is no obstacle: this user's own place is taken then. With a group, it is a directory that
-//! its members alone can enter.
+//! The default is the place that iceoryx2 uses for all programs, so that any subscriber finds it.
+//! iceoryx2 creates the directories there for the first user alone; here they are created like
+//! `/tmp`: everyone may add files, but only the owner may change them. If files of another user
+//! block it nevertheless, this user's own place is used. With a group, it is a directory that only
+//! its members can enter.
 
 use std::fs::{self, Permissions};
 use std::io;
@@ -18,10 +19,11 @@ use rustix::process::{getegid, geteuid, getgroups};
 
 use super::{PublishError, SHARED_MEMORY};
 
-/// How long the publisher waits at most for a subscriber of another user that has not opened its files to the group yet. Whoever never
-/// does stops it for so long once, and later now and then.
-const UNADMITTED_PATIENCE: Duration = Duration::from_millis(30);
-/// What is younger in shared memory may belong to a service that is just being made.
+/// Maximum time that the publisher waits for a subscriber of another user that has not opened its
+/// files to the group yet. A subscriber that never does blocks it this long once, and again at
+/// later retries.
+const UNADMITTED_TIMEOUT: Duration = Duration::from_millis(30);
+/// Younger files in shared memory may belong to a service that is being created.
 const SWEEP_AGE: Duration = Duration::from_secs(60);
 
 /// A place in shared memory.
@@ -31,7 +33,7 @@ pub(super) struct Place {
     pub(super) kind: Kind,
 }
 
-/// Whom a place is for.
+/// Intended users of a place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Any program of this user, and of root.
@@ -43,7 +45,7 @@ pub(super) enum Kind {
 }
 
 impl Place {
-    /// The place that iceoryx2 has for all programs. `Err`: who is in the way.
+    /// The place that iceoryx2 uses for all programs. `Err`: the user who blocks it.
     pub(super) fn default() -> Result<Self, String> {
         let config = Config::default();
         for directory in directories(&config) {
@@ -57,7 +59,7 @@ impl Place {
         })
     }
 
-    /// This user's own place. `Err`: who is in the way.
+    /// This user's own place. `Err`: the user who blocks it.
     pub(super) fn of_user() -> Result<Self, String> {
         let uid = geteuid().as_raw();
         let config = scene::user_config(uid).map_err(|error| error.to_string())?;
@@ -79,7 +81,7 @@ impl Place {
         })
     }
 
-    /// The place of a group, by its name or number.
+    /// The place of a group, given by name or number.
     pub(super) fn of_group(group: &str) -> Result<Self, PublishError> {
         let failed = |reason: String| PublishError::Group {
             group: group.to_owned(),
@@ -95,14 +97,14 @@ impl Place {
                 "this user is not a member of it; see with `id`, add it with `sudo usermod -aG`, and log in again".to_owned(),
             ));
         }
-        // From the outside in, so that the inner ones are out of reach of others from the start.
+        // From the outside in, so that the inner ones are inaccessible to others from the start.
         for directory in [root.clone(), root.join("nodes"), root.join("services")] {
             open_to_group(&directory, gid).map_err(|error| {
                 failed(format!("{}; have it removed", belongs(&directory, &error)))
             })?;
         }
         let mut config = scene::group_config(group).map_err(|error| failed(error.to_string()))?;
-        config.global.creation_timeout = UNADMITTED_PATIENCE;
+        config.global.creation_timeout = UNADMITTED_TIMEOUT;
         Ok(Self {
             config,
             kind: Kind::Group,
@@ -115,8 +117,8 @@ impl Place {
         root
     }
 
-    /// Removes what this user left in shared memory of services that are no more. The last subscriber removes a service, and if it
-    /// is another user it cannot remove all of it.
+    /// Removes this user's remains of services that no longer exist. The last subscriber removes a
+    /// service, but if it is another user it cannot remove all of it.
     pub(super) fn sweep(&self) {
         let [_, _, services] = directories(&self.config);
         let in_use = fs::read_dir(&services).is_ok_and(|mut files| files.next().is_some());
@@ -134,7 +136,7 @@ impl Place {
             let Ok(found) = entry.metadata() else {
                 continue;
             };
-            // Another service of this user may just be coming.
+            // Another service of this user may be starting.
             let old = found
                 .modified()
                 .is_ok_and(|written| written.elapsed().is_ok_and(|age| age > SWEEP_AGE));
@@ -147,31 +149,31 @@ impl Place {
         }
     }
 
-    /// Lets members of the group reach what has been made so far; nothing elsewhere.
+    /// Lets members of the group access the files created so far; no effect elsewhere.
     pub(super) fn admit(&self) {
-        // What is not admitted yet is admitted the next time.
+        // Files not admitted yet are admitted the next time.
         let _ = scene::admit(&self.config);
     }
 }
 
-/// The directory of the place, and those within.
+/// The directory of the place, and its subdirectories.
 fn directories(config: &Config) -> [PathBuf; 3] {
     let global = &config.global;
     [*global.root_path(), global.node_dir(), global.service_dir()]
         .map(|path| PathBuf::from(path.to_string()))
 }
 
-/// Makes a directory in which everybody may have files, unless it is there.
+/// Creates a directory in which everyone may create files, unless it exists.
 fn open_to_everybody(directory: &Path) -> io::Result<()> {
     match fs::create_dir(directory) {
-        // Not with the mode right away: the umask would be taken from it.
+        // Not with the mode immediately: the umask would be subtracted from it.
         Ok(()) => fs::set_permissions(directory, Permissions::from_mode(0o1777)),
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
         Err(error) => Err(error),
     }
 }
 
-/// Makes a directory in which members of the group may have files, or makes sure that it is one.
+/// Creates a directory in which members of the group may create files, or checks that it is one.
 fn open_to_group(directory: &Path, gid: u32) -> io::Result<()> {
     match fs::DirBuilder::new().mode(0o700).create(directory) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
@@ -208,7 +210,7 @@ fn belongs(directory: &Path, error: &io::Error) -> String {
     format!("{} {owner}: {error}", directory.display())
 }
 
-/// The user's name if the machine's own list has it, else the number.
+/// The user's name if it is in the machine's own list, otherwise the number.
 pub(crate) fn user_name(uid: u32) -> String {
     let users = fs::read_to_string("/etc/passwd").unwrap_or_default();
     let name = users.lines().find_map(|line| {
@@ -219,7 +221,8 @@ pub(crate) fn user_name(uid: u32) -> String {
     name.unwrap_or_else(|| uid.to_string())
 }
 
-/// The number of a group. Groups that the machine's own list does not have (LDAP and the like) are asked for with `getent`.
+/// The number of a group. Groups that are not in the machine's own list (LDAP and the like) are
+/// resolved with `getent`.
 fn group_id(group: &str) -> Result<u32, String> {
     let of_line = |line: &str| {
         let mut fields = line.split(':');
@@ -255,7 +258,7 @@ mod tests {
         open_to_everybody(&directory).expect("made");
         let mode = |path: &Path| fs::metadata(path).expect("it is there").mode() & 0o7777;
         assert_eq!(mode(&directory), 0o1777);
-        // What is there already is left as it is.
+        // Existing directories are not changed.
         fs::set_permissions(&directory, Permissions::from_mode(0o750)).expect("ours");
         open_to_everybody(&directory).expect("there");
         assert_eq!(mode(&directory), 0o750);

@@ -1,4 +1,4 @@
-//! The ports of a publisher, and what keeps them from being opened, in this program's words.
+//! The ports of a publisher, and the translation of errors when opening them.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -24,12 +24,12 @@ use super::{
     HISTORY, Ipc, MAX_NODES, MAX_SUBSCRIBERS, PublishError, SUBSCRIBER_BORROWED, SUBSCRIBER_BUFFER,
 };
 
-/// What is open in shared memory.
+/// The open ports in shared memory.
 #[derive(Debug)]
 pub(super) struct Ports {
-    // Ports go before the services they belong to, and these before the node.
+    // Ports are dropped before their services, and these before the node.
     port: ScenePort<Ipc, Scene, ()>,
-    /// Missing only if it could not be made again.
+    /// `None` only if it could not be created again.
     notifier: Option<Notifier<Ipc>>,
     pub(super) service: publish_subscribe::PortFactory<Ipc, Scene, ()>,
     pub(super) event: event::PortFactory<Ipc>,
@@ -60,11 +60,12 @@ impl Ports {
         let port = service
             .publisher_builder()
             .max_loaned_samples(1)
-            // With safe overflow nothing is ever undeliverable, unless a subscriber's queue is damaged: pass over it then.
+            // With safe overflow, delivery fails only if a subscriber's queue is damaged; it is
+            // then skipped.
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|error| match error {
-                PublisherCreateError::ExceedsMaxSupportedPublishers => taken(name, &service),
+                PublisherCreateError::ExceedsMaxSupportedPublishers => occupied(name, &service),
                 other => open_error(name, other),
             })?;
         let event = event_service(place, &node, name)?;
@@ -88,7 +89,7 @@ impl Ports {
         })
     }
 
-    /// Returns how many subscribers were reached.
+    /// Returns the number of subscribers reached.
     pub(super) fn send(&self, scene: &Scene, now_ns: u64) -> Result<usize, PublishError> {
         let failed = |reason: String| PublishError::Send {
             service: self.service.name().to_string(),
@@ -104,7 +105,7 @@ impl Ports {
         sample.send().map_err(|error| failed(error.to_string()))
     }
 
-    /// Returns how many were woken.
+    /// Returns the number of subscribers woken.
     pub(super) fn wake(&mut self) -> Result<usize, PublishError> {
         if self.notifier.is_none() {
             self.notifier = self.event.notifier_builder().create().ok();
@@ -122,13 +123,13 @@ impl Ports {
             .map_err(|error| self.not_woken(error))
     }
 
-    /// Makes iceoryx2 connect to all subscribers that it could not connect to when they came: it does so when one comes or goes, and
-    /// a notifier does so when it is made.
-    pub(super) fn connect_anew(&mut self) {
+    /// Makes iceoryx2 retry all subscribers to which it could not connect when they joined: it
+    /// connects when a subscriber joins or leaves, and a notifier connects when it is created.
+    pub(super) fn reconnect(&mut self) {
         self.notifier = None;
         self.notifier = self.event.notifier_builder().create().ok();
         if let Ok(_one_that_comes) = self.service.subscriber_builder().buffer_size(1).create() {
-            // It is tried again later.
+            // Retried later.
             let _ = self.port.update_connections();
         }
     }
@@ -141,7 +142,8 @@ impl Ports {
     }
 }
 
-/// Nothing of another user is used: it could be read only by that user, and be meant to do harm.
+/// Files of another user are not used: only that user could read the scenes, and the files may be
+/// malicious.
 fn refuse_foreign(place: &Place, name: ServiceName) -> Result<(), PublishError> {
     let file = scene::static_file(&place.config, &name, MessagingPattern::PublishSubscribe);
     match fs::symlink_metadata(&file) {
@@ -152,7 +154,7 @@ fn refuse_foreign(place: &Place, name: ServiceName) -> Result<(), PublishError> 
     }
 }
 
-/// A participant that follows no configuration file and leaves signals alone. Creating it clears away dead ones.
+/// A node without configuration file and signal handlers. Creating it removes dead nodes.
 pub(crate) fn node(config: &Config) -> Result<Node<Ipc>, NodeCreationFailure> {
     NodeBuilder::new()
         .config(config)
@@ -174,8 +176,8 @@ fn event_service(
         .map_err(|error| event_service_error(place, name, error))
 }
 
-/// Who has the place of the one publisher: a living process, or the remains of a dead one.
-fn taken(
+/// The owner of the single publisher slot: a living process, or the remains of a dead one.
+fn occupied(
     name: ServiceName,
     service: &publish_subscribe::PortFactory<Ipc, Scene, ()>,
 ) -> PublishError {
@@ -266,7 +268,7 @@ fn event_service_error(
     }
 }
 
-/// What differs is looked up later.
+/// The difference is determined later.
 fn incompatible(service: ServiceName, error: impl ToString) -> PublishError {
     PublishError::Incompatible {
         service: service.to_string(),

@@ -1,4 +1,5 @@
-//! Whether newcomers can still find what is published: the files of iceoryx2 may be removed while they are in use.
+//! Checks whether newcomers can still find the service: the files of iceoryx2 may be removed while
+//! they are in use.
 
 use std::fs::{self, Permissions};
 use std::io;
@@ -10,15 +11,17 @@ use iceoryx2::prelude::{Config, MessagingPattern, ServiceName};
 
 use super::SHARED_MEMORY;
 
-/// Files that have to be there, and which they were when the service was opened. One may have gone before that was looked up.
+/// Required files, with their identity when the service was opened. A file may have been removed
+/// before the identity was read.
 #[derive(Debug)]
 pub(super) struct Presence {
     descriptions: Vec<Description>,
     others: Vec<(PathBuf, Option<Identity>)>,
 }
 
-/// The file that tells newcomers of a service. It never changes, so it can be put back. Whoever is the last to leave a service takes
-/// it away by its name, and thus that of a newer service: subscribers do so that were connected when everything was removed.
+/// The file by which newcomers find a service. It never changes, so it can be restored. The last
+/// participant to leave a service removes it by name, and thereby possibly that of a newer service:
+/// this happens with subscribers that were connected when everything was removed.
 #[derive(Debug)]
 struct Description {
     file: PathBuf,
@@ -27,22 +30,24 @@ struct Description {
     text: Vec<u8>,
 }
 
-/// What has become of the files.
+/// State of the files.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Found {
-    /// All are there.
+    /// All exist.
     Whole,
-    /// This one was not, and is there again; nobody who is connected has noticed.
+    /// This one was missing and has been restored; connected participants are not affected.
     PutBack(PathBuf),
-    /// This one is missing, or is another one now: newcomers find nothing, or somebody else.
+    /// This one is missing or has been replaced: newcomers find nothing, or another service.
     Missing(PathBuf),
 }
 
-/// Tells a file from another one of the same name. The number alone may be given again; with the moment it was written it is not.
+/// Distinguishes a file from another one of the same name. Inode numbers may be reused, but not
+/// together with the modification time.
 type Identity = (u64, u64, Option<SystemTime>);
 
 impl Presence {
-    /// What has to be there for the service `name` and the node `node`, and what is in shared memory under one of the `numbers`.
+    /// The files required for the service `name` and the node `node`, and those in shared memory
+    /// with one of the `numbers`.
     pub(super) fn of(config: &Config, name: &ServiceName, node: u128, numbers: &[u128]) -> Self {
         let global = &config.global;
         let (prefix, nodes) = (global.prefix.to_string(), global.node_dir().to_string());
@@ -50,7 +55,7 @@ impl Presence {
         let descriptions = patterns
             .map(|pattern| Description::read(scene::static_file(config, name, pattern)))
             .into();
-        // Whoever looks for dead programs looks at these.
+        // These files are used to detect dead programs.
         let mut files: Vec<PathBuf> = ["", "_owner_lock", "_context"]
             .map(|suffix| format!("{prefix}{node}{}{suffix}", global.node.monitor_suffix))
             .map(|file| Path::new(&nodes).join(file))
@@ -69,7 +74,8 @@ impl Presence {
         }
     }
 
-    /// Looks at all files, and puts back what can be. Takes a few microseconds when nothing is missing.
+    /// Checks all files and restores what can be restored. Takes a few microseconds if nothing is
+    /// missing.
     pub(super) fn look(&mut self) -> Found {
         for (file, known) in &self.others {
             if known.is_none() || identity(file) != *known {
@@ -81,7 +87,7 @@ impl Presence {
             if description.identity.is_some() && found == description.identity {
                 continue;
             }
-            // One that is there is another program's, which has taken the place meanwhile.
+            // An existing file belongs to another program that has taken the place meanwhile.
             return if description.identity.is_some()
                 && found.is_none()
                 && description.put_back().is_ok()
@@ -110,14 +116,14 @@ impl Description {
         }
     }
 
-    /// All at once, as the mode of a file that is being written says that its service is not ready.
+    /// Atomically, because the mode of a partly written file marks its service as not ready.
     fn put_back(&mut self) -> io::Result<()> {
         let new = self
             .file
             .with_extension(format!("new-{}", std::process::id()));
         let written = fs::write(&new, &self.text)
             .and_then(|()| fs::set_permissions(&new, Permissions::from_mode(self.mode)))
-            // Not over one that has come meanwhile.
+            // Without overwriting a file created meanwhile.
             .and_then(|()| fs::hard_link(&new, &self.file));
         let _ = fs::remove_file(&new);
         written?;
@@ -128,7 +134,7 @@ impl Description {
 
 fn identity(file: &Path) -> Option<Identity> {
     let found = fs::symlink_metadata(file).ok()?;
-    // Shared memory is written to all the time, and its numbers are not given again.
+    // Shared memory is written to all the time, and its inode numbers are not reused.
     let written = (!file.starts_with(SHARED_MEMORY)).then(|| found.modified().ok());
     Some((found.dev(), found.ino(), written.flatten()))
 }
@@ -138,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_missing_is_put_back_or_told() {
+    fn what_is_missing_is_restored_or_reported() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut config = Config::default();
         let root = folder.path().to_str().expect("text");
@@ -171,7 +177,7 @@ mod tests {
         let services = files[1].parent().expect("a folder");
         assert_eq!(fs::read_dir(services).expect("listed").count(), 2);
 
-        // Another program's is left alone.
+        // A file of another program is not touched.
         let other = folder.path().join("other");
         fs::write(&other, b"two").expect("written");
         fs::rename(&other, &files[0]).expect("replaced");

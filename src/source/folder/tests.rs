@@ -111,7 +111,7 @@ fn formats_may_be_mixed() {
     assert_eq!(pictures.next(&mut frame).expect("end"), Next::End);
 }
 
-/// What [`read_frame`] makes of the picture as a PNG file.
+/// Result of [`read_frame`] for the image as a PNG file.
 fn through_png(picture: DynamicImage) -> Frame {
     let mut png = io::Cursor::new(Vec::new());
     picture
@@ -159,7 +159,7 @@ fn crc32(content: &[u8]) -> u32 {
     !content.iter().fold(u32::MAX, add)
 }
 
-/// A grey picture of 16 bits a sample as a PNG file, which may state the bits that it had before.
+/// A grey image of 16 bits per sample as a PNG file, optionally with the original number of bits.
 fn deep(samples: &[u16], stated_bits: Option<u8>) -> Vec<u8> {
     let mut png = io::Cursor::new(Vec::new());
     let image: ImageBuffer<Luma<u16>, _> =
@@ -169,7 +169,7 @@ fn deep(samples: &[u16], stated_bits: Option<u8>) -> Vec<u8> {
         .expect("encodes");
     let mut png = png.into_inner();
     if let Some(bits) = stated_bits {
-        // Behind the header: the signature's 8 bytes and a chunk of 13.
+        // After the header: the signature's 8 bytes and a chunk of 13.
         let crc = crc32(&[b's', b'B', b'I', b'T', bits]);
         let chunk = [&[0, 0, 0, 1], b"sBIT", &[bits][..], &crc.to_be_bytes()].concat();
         png.splice(33..33, chunk);
@@ -180,15 +180,15 @@ fn deep(samples: &[u16], stated_bits: Option<u8>) -> Vec<u8> {
 #[test]
 fn samples_that_use_fewer_bits_are_not_read_as_black() {
     for (samples, stated, n_bits, read) in [
-        // 10, 12 and 14 bits as they are; what a file states does not change it.
+        // 10, 12 and 14 bits unscaled; the number stated in the file does not matter.
         (&[0, 511, 1023][..], None, Some(10), &[0, 127, 255][..]),
         (&[0, 511, 1023], Some(10), Some(10), &[0, 127, 255]),
         (&[0, 1000, 4095], None, Some(12), &[0, 62, 255]),
         (&[0, 1000, 4095], Some(12), Some(12), &[0, 62, 255]),
-        // The brightest does not reach the end of the range.
+        // The brightest sample is below the end of the range.
         (&[0, 300, 700], Some(12), Some(12), &[0, 19, 44]),
         (&[0, 5001, 16383], None, Some(14), &[0, 78, 255]),
-        // Scaled to 16 bits, as they should be.
+        // Scaled to 16 bits, as required.
         (&[0, 257 * 9, 257 * 15], None, Some(16), &[0, 9, 15]),
         (&[0, 64 * 70, 64 * 255], None, Some(16), &[0, 17, 64]),
         (
@@ -213,7 +213,7 @@ fn samples_that_use_fewer_bits_are_not_read_as_black() {
 
 #[test]
 fn all_pictures_of_a_folder_are_reduced_alike() {
-    // 12 bits, of which the first pictures use fewer.
+    // 12 bits, of which the first images use fewer.
     let files: Vec<_> = (0..40_u16)
         .map(|i| (format!("{i}.png"), deep(&[0, 400, 400 + 90 * i], None)))
         .collect();
@@ -302,7 +302,7 @@ fn every_truncated_file_is_one_clear_line() {
     let mut png = io::Cursor::new(Vec::new());
     large.write_to(&mut png, ImageFormat::Png).expect("encodes");
     for (name, whole) in [("x.png", png.into_inner()), ("x.jpg", jpeg(SIZE))] {
-        // The checksum of the last chunk, which carries no pixels, may be missing.
+        // The checksum of the last chunk, which has no pixels, may be missing.
         for end in (0..whole.len() - 12).step_by(7) {
             let folder = folder(&[(name, &whole[..end])]);
             let error = read_picture(&folder.path().join(name)).expect_err("cut");

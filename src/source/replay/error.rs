@@ -1,4 +1,4 @@
-//! Why a recording cannot be played, for people to read.
+//! Reasons why a recording cannot be played, as messages for the user.
 
 use std::io;
 use std::path::PathBuf;
@@ -10,7 +10,7 @@ use crate::output::foxglove::image_message::ImageError;
 use crate::output::mcap::provenance::ProvenanceError;
 use crate::output::mcap::records::OpenError;
 
-/// Why a recording cannot be opened or read on.
+/// Reasons why a recording cannot be opened or read further.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The file cannot be opened.
@@ -18,31 +18,31 @@ pub enum ReplayError {
     Open {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: OpenError,
     },
-    /// The file is something else.
+    /// The file is not an MCAP file.
     #[error("{} is not an MCAP file; name a recording", path.display())]
     NotMcap {
         /// The file.
         path: PathBuf,
     },
-    /// The system could not read on.
+    /// A read error of the system.
     #[error("{} cannot be read {after} ({source})", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// Where.
+        /// Position.
         after: After,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The file stops where more should come.
+    /// The file is truncated.
     #[error("{0} ends in the middle {after}: its writer was stopped; `overcam recover {0} -o NEW` completes it", path.display())]
     Truncated {
         /// The file.
         path: PathBuf,
-        /// Where.
+        /// Position.
         after: After,
     },
     /// The content is damaged.
@@ -50,32 +50,32 @@ pub enum ReplayError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// Where.
+        /// Position.
         after: After,
-        /// What the reader found.
+        /// Error of the reader.
         source: McapError,
     },
-    /// The file says something about its making that cannot be read.
+    /// The provenance in the file cannot be read.
     #[error("{} cannot be replayed: {source}", path.display())]
     Provenance {
         /// The file.
         path: PathBuf,
-        /// What.
+        /// The cause.
         source: ProvenanceError,
     },
-    /// A frame, or the background that comes with it, cannot be read.
+    /// A frame, or its background, cannot be decoded.
     #[error("{} has an unusable image {after}, of {topic}: {source}", path.display())]
     Image {
         /// The file.
         path: PathBuf,
-        /// The topic or attachment; of another program's file with its message type and encoding.
+        /// The topic or attachment; for another program's file with message type and encoding.
         topic: String,
-        /// Where.
+        /// Position.
         after: After,
-        /// Why.
+        /// The cause.
         source: ImageError,
     },
-    /// A picture has another size than those before it.
+    /// The size of an image differs from that of earlier ones.
     #[error(
         "{} has an image of {}x{} pixels {after}, others have {}x{}; all must have one size", path.display(),
         found.width, found.height, expected.width, expected.height
@@ -83,14 +83,14 @@ pub enum ReplayError {
     Size {
         /// The file.
         path: PathBuf,
-        /// Where.
+        /// Position.
         after: After,
-        /// Size of this picture.
+        /// Size of this image.
         found: Size,
         /// Size of the others.
         expected: Size,
     },
-    /// Nothing to play.
+    /// There are no playable images.
     #[error(
         "{} holds no images that overcam can play (foxglove.RawImage or foxglove.CompressedImage, protobuf); its topics: {topics}",
         path.display()
@@ -101,7 +101,7 @@ pub enum ReplayError {
         /// All topics.
         topics: String,
     },
-    /// Too much to play.
+    /// There are several image topics.
     #[error("{} holds several image topics ({topics}); keep one of them (`mcap filter`)", path.display())]
     ManyImages {
         /// The file.
@@ -109,17 +109,17 @@ pub enum ReplayError {
         /// The image topics.
         topics: String,
     },
-    /// Images, and not one of them can be read.
+    /// None of the images can be decoded.
     #[error("{}: none of its {count} images can be read; the first: {first}", path.display())]
     NoneReadable {
         /// The file.
         path: PathBuf,
-        /// Images in it.
+        /// Number of images.
         count: u64,
-        /// What is wrong with the first.
+        /// Error of the first.
         first: Box<ReplayError>,
     },
-    /// Images far behind those that belong after them.
+    /// Images are too far out of order.
     #[error("{} has images in so different an order than time that they do not fit into memory; sort it with `mcap sort`", path.display())]
     Disorder {
         /// The file.
@@ -127,10 +127,10 @@ pub enum ReplayError {
     },
 }
 
-/// A place in a recording.
+/// A position in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct After(
-    /// Number of the last good frame.
+    /// Sequence number of the last good frame.
     pub Option<u64>,
 );
 
