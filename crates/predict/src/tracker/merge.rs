@@ -45,7 +45,7 @@ use crate::vector::{norm_squared, sub};
 
 /// Minimum excess of a blob's area over the other objects in it, as a fraction of an object's area,
 /// for that object to be in it. Closing fills gaps and corners are rounded, but an absent object
-/// adds nothing.
+/// adds no area.
 const MIN_AREA_RATIO: f64 = 0.5;
 
 /// The merged blob of each track that is in one. `read` holds the observations already assigned by
