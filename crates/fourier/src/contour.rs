@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_are_a_thirty_second_of_the_way_apart() {
+    fn samples_are_a_thirty_second_of_the_contour_apart() {
         let samples = resample(&SQUARE);
         assert_eq!(samples[0], Complex32::new(1000.0, 2000.0));
         assert_eq!(samples[1], Complex32::new(1001.0, 2000.0));

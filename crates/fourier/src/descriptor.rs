@@ -141,14 +141,14 @@ mod tests {
     }
 
     #[test]
-    fn shapes_that_look_the_same_turned_have_no_orientation() {
+    fn rotationally_symmetric_shapes_have_no_orientation() {
         let square = [[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
         let error = describe(&resample(&square), 0.1).expect_err("a square has no orientation");
         assert!(matches!(error, NoDescriptor::NoOrientation { elongation } if elongation < 1e-5));
     }
 
     #[test]
-    fn a_contour_the_wrong_way_round_is_refused() {
+    fn a_counter_clockwise_contour_is_refused() {
         let mut backwards = ARROW;
         backwards.reverse();
         assert_eq!(

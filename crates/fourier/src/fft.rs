@@ -127,7 +127,7 @@ mod tests {
         }
 
         #[test]
-        fn there_and_back_is_n_times(samples in samples()) {
+        fn transform_and_inverse_multiply_by_n(samples in samples()) {
             let mut there_and_back = samples;
             fft(&mut there_and_back);
             inverse_fft(&mut there_and_back);

@@ -194,7 +194,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_turn_is_found_all_the_way_round(turn in -PI..PI, radius in 2f32..80.0) {
+        fn the_turn_is_found_over_the_full_circle(turn in -PI..PI, radius in 2f32..80.0) {
             let found = compare(&half_disc(turn, radius), &half_disc(0.0, 10.0));
             prop_assert!(wrapped(found.turn_rad - turn).abs() < 0.01, "{} instead of {turn}", found.turn_rad);
         }

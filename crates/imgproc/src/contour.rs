@@ -299,12 +299,12 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_line_is_walked_there_and_back() {
+    fn a_line_is_followed_forth_and_back() {
         assert_eq!(contour_of("###"), [(0, 0), (1, 0), (2, 0), (1, 0)]);
     }
 
     #[test]
-    fn a_square_at_the_border_is_walked_clockwise() {
+    fn a_square_at_the_border_is_followed_clockwise() {
         assert_eq!(contour_of("##\n##"), [(0, 0), (1, 0), (1, 1), (0, 1)]);
     }
 

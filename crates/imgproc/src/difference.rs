@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_camera_cut_off_is_not_darker_than_the_floor() {
+    fn clipped_pixels_are_not_darker_than_the_floor() {
         let gains = Gains {
             red: 1.5,
             green: 1.5,

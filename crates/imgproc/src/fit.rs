@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_as_large_as_the_covariance_says() {
+    fn errors_match_the_covariance() {
         let samples = samples();
         let mut state = 1u64;
         let mut normal = || {
@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beside_a_smaller_plate_does_not_count() {
+    fn pixels_beside_a_smaller_plate_do_not_count() {
         let samples = samples();
         let truth = Pose {
             centre: [60.0, 55.0],

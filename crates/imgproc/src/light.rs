@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_floor_as_white_as_can_be_is_in_the_light_it_was_in() {
+    fn a_clipped_white_floor_has_unchanged_light() {
         let floor = [255 * 256; 1000];
         let mut frame = [255u8; 1000];
         frame[..300].fill(20);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_pixels_tell_nothing() {
+    fn too_few_pixels_give_no_result() {
         assert_eq!(channel_gain(&[100; 70], &[25_600; 70], &[1; 70], 1), None);
     }
 }

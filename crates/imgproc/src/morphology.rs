@@ -101,7 +101,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn erosion_and_dilation_equal_the_window_spelled_out((size, mask) in naive::planes(1)) {
+        fn erosion_and_dilation_equal_the_naive_window((size, mask) in naive::planes(1)) {
             let mut out = std::vec![0xa5; size.area()];
             erode_3x3(&mask, size, &mut out);
             prop_assert_eq!(&out, &naive::map_3x3(&mask, size, |w| w.into_iter().min().unwrap_or(0)));

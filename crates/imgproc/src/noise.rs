@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_passes_is_not_noise() {
+    fn passing_objects_are_not_noise() {
         // 109, 110 and 111 on the floor, and an object for two of five frames.
         assert_eq!(variances(&[109, 200, 110, 200, 111], 1), [1.0]);
         assert_eq!(variances(&[109, 20, 110, 20, 111], 1), [1.0]);
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_shows_its_noise_and_not_the_texture_of_the_floor() {
+    fn the_noise_of_a_frame_excludes_the_texture_of_the_floor() {
         let size = Size {
             width: 200,
             height: 150,

@@ -301,13 +301,13 @@ mod tests {
     }
 
     #[test]
-    fn a_plain_floor_tells_nothing() {
+    fn a_plain_floor_has_no_visibility() {
         let plain = vec![5000; SIZE.area()];
         assert!(seen(&carpet(1), &plain, (20, 14)).is_none());
     }
 
     #[test]
-    fn pictures_of_any_size_are_looked_at() {
+    fn pictures_of_any_size_are_processed() {
         for (width, height) in [(0, 0), (1, 1), (4, 9), (5, 5), (9, 4)] {
             let size = Size { width, height };
             let level = vec![5000u16; size.area()];

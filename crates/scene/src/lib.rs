@@ -497,7 +497,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_of_nothing_known_is_the_present_one() {
+    fn a_pose_without_a_forecast_is_the_present_one() {
         let mut object = Object::EMPTY;
         object.x = 3.0;
         object.vx = 1.0;
