@@ -227,7 +227,7 @@ fn a_recording_in_several_files_replays_file_by_file() {
     let numbers =
         |lines: &[String]| -> Vec<u64> { lines.iter().map(|line| sequence_of(line)).collect() };
     assert_eq!(numbers(&files.concat()), numbers(&ended.lines));
-    // Tracks start anew, with new ids, velocities, forecasts and merges. The robots' positions are
+    // Tracks start again with new ids, velocities, forecasts and merges. The robots' positions are
     // the same.
     for (line, live) in files.concat().iter().zip(&ended.lines) {
         let (found, expected) = (robots(line), robots(live));

@@ -113,7 +113,7 @@ pub fn static_file(config: &Config, name: &ServiceName, pattern: MessagingPatter
 }
 
 /// Whether new subscribers still find the opened service. If its files were removed while it was in
-/// use, overcam publishes it anew. A subscriber that receives nothing for a second should check
+/// use, overcam publishes it again. A subscriber that receives nothing for a second should check
 /// this and open the service again.
 #[must_use]
 pub fn is_current<S: Service>(service: &impl PortFactory<Service = S>, config: &Config) -> bool {

@@ -378,7 +378,7 @@ impl Object {
     }
 }
 
-/// The same direction within (-π, π], for an angle within a few turns of it. NaN stays NaN.
+/// The same direction within (-π, π], for an angle within a few turns of it. NaN if not finite.
 fn within_a_turn(mut rad: f64) -> f64 {
     use core::f64::consts::{PI, TAU};
     rad %= TAU;
