@@ -1,11 +1,14 @@
 //! Whole frames, from bytes to scene: `cargo bench --bench frame`.
 //!
-//! * `frame/copy-<format>/<size>`: a plain copy of the frame's bytes, the unit of all other figures;
+//! * `frame/copy-<format>/<size>`: a plain copy of the frame's bytes, the unit of all other
+//!   figures;
 //! * `frame/demo-<format>/<size>`: the pipeline on the demo floor;
-//! * `frame/recorded/<size>`: the pipeline on a recording named by the environment variable `OVERCAM_RECORDING`.
+//! * `frame/recorded/<size>`: the pipeline on a recording named by the environment variable
+//!   `OVERCAM_RECORDING`.
 //!
-//! After its times each bench prints the ratio to the copy, measured in turns in the same run: on a machine whose speed
-//! drifts, only the ratio holds. The scenes are checked before anything is timed.
+//! After its times each bench prints the ratio to the copy, measured alternately in the same run.
+//! On a machine whose speed drifts, only the ratio is reliable. The scenes are checked before
+//! anything is timed.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -22,10 +25,10 @@ use overcam::settings::Settings;
 use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ};
 use overcam::source::replay::Recording;
 
-/// Frames that are kept in memory and gone through again and again.
+/// Number of frames kept in memory and processed in a loop.
 const FRAMES: usize = 24;
 
-/// Slots with the frames of the demo, the first with its background.
+/// Slots with frames of the demo, the first with its background.
 fn demo_slots(size: Size, format: PixelFormat) -> Vec<Slot> {
     let mut floor = Floor::new(size, 1);
     let slot = |sequence| {
@@ -40,7 +43,7 @@ fn demo_slots(size: Size, format: PixelFormat) -> Vec<Slot> {
     (0..FRAMES as u64).map(slot).collect()
 }
 
-/// BT.601, limited range, the chroma of two pixels averaged.
+/// BT.601, limited range, with the chroma of two pixels averaged.
 fn to_yuyv(frame: &mut Frame) {
     let yuv = |p: &[u8]| {
         let (r, g, b) = (f32::from(p[0]), f32::from(p[1]), f32::from(p[2]));
@@ -60,7 +63,8 @@ fn to_yuyv(frame: &mut Frame) {
     frame.full_range = false;
 }
 
-/// Goes through all slots once and returns how many objects were seen in all. Time goes on from round to round.
+/// Processes all slots once and returns the total number of objects. Time continues from round to
+/// round.
 fn process_all(pipeline: &mut Pipeline, slots: &mut [Slot]) -> u32 {
     let round_ns = (slots.len() as f64 * 1e9 / RATE_HZ) as u64;
     let mut objects = 0;
@@ -88,7 +92,8 @@ fn time(work: impl FnOnce()) -> Duration {
     started.elapsed()
 }
 
-/// Times the slots, and prints how many times as long a frame takes as its copy: the median over several turns.
+/// Times the slots, and prints the ratio of a frame to its copy: the median of several alternating
+/// measurements.
 fn bench_slots(criterion: &mut Criterion, name: &str, pipeline: &mut Pipeline, slots: &mut [Slot]) {
     let n = slots.len() as u32;
     criterion.bench_function(name, |bencher| {

@@ -1,7 +1,8 @@
-//! The rungs from the pixels of a plate to its pose, each alone: `cargo bench --bench ladder`.
+//! Each step from the pixels of a plate to its pose: `cargo bench --bench ladder`.
 //!
-//! Contour between pixels, its descriptor, comparison with a reference, and the fit of the shape, the last one where the shape is
-//! there and where something else is. Answers are checked before anything is timed.
+//! Subpixel contour, its descriptor, comparison with a reference, and the fit of the shape, both
+//! where the shape is present and where another one is. Answers are checked before anything is
+//! timed.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -14,7 +15,7 @@ use imgproc::fit::{Layers, Pose, Prior, fit_shape};
 use imgproc::isoline::follow_isoline;
 use imgproc::{Point, Size};
 
-/// Samples of a layer in a row, and over the side of the plate.
+/// Samples of a layer per row, and per side of the plate.
 const SIDE: usize = 109;
 const PER_PLATE: f32 = 100.0;
 
@@ -22,10 +23,10 @@ const FIRST_BLUR: f32 = 0.0085;
 const BLUR_RATIO: f32 = std::f32::consts::SQRT_2;
 const LAYERS: i32 = 12;
 
-/// A spade: blade and handle, each left, top, right, bottom in units of the plate's side.
+/// A spade: blade and handle, as left, top, right, bottom in units of the plate's side.
 const SPADE: [[f32; 4]; 2] = [[-0.22, -0.35, 0.22, 0.05], [-0.08, 0.05, 0.08, 0.35]];
 
-/// Something else: a bar that lies across.
+/// Another shape: a horizontal bar.
 const BAR: [[f32; 4]; 1] = [[-0.3, -0.12, 0.2, 0.12]];
 
 const PLATES_PX: [f32; 4] = [12.0, 24.0, 48.0, 96.0];
@@ -37,7 +38,7 @@ const PRIOR: Prior = Prior {
     residual_ratio_max: 0.04,
 };
 
-/// Share of a point that the shape covers through a lens; the edge's profile is nearly that of a Gaussian.
+/// Coverage of a point by the shape through a lens. The edge profile is nearly that of a Gaussian.
 fn coverage(shape: &[[f32; 4]], u: f32, v: f32, blur: f32) -> f32 {
     let edge = |d: f32| 0.5 + 0.5 * (0.8 * d / blur).tanh();
     let within = |c: f32, from: f32, to: f32| edge(c - from) - edge(c - to);
@@ -57,7 +58,7 @@ fn layers() -> Vec<f32> {
     (0..LAYERS).flat_map(layer).collect()
 }
 
-/// A plate in the middle of a picture that is half as large again.
+/// A plate in the middle of a picture that is 1.5 times as large.
 struct Scene {
     size: Size,
     plane: Vec<u8>,
@@ -95,7 +96,7 @@ impl Scene {
         }
     }
 
-    /// The first pixel in reading order that is darker than half-way.
+    /// The first pixel in row-major order that is darker than half-way.
     fn start(&self) -> Point {
         let first = self.plane.iter().position(|&grey| grey < 125);
         let first = first.expect("a dark figure");
@@ -105,7 +106,7 @@ impl Scene {
         }
     }
 
-    /// What a contour's descriptor may give for it.
+    /// A pose as a contour's descriptor may give it.
     fn nearby(&self) -> Pose {
         Pose {
             centre: self.truth.centre.map(|c| c + 0.2),
@@ -134,7 +135,7 @@ fn ladder(criterion: &mut Criterion) {
         let contour = follow_isoline(plane, *size, scene.start(), 125.0, &mut points)
             .expect("a closed line")
             .to_vec();
-        // Blur cuts each of the six corners by about its square.
+        // Blur removes about the square of its width at each of the six corners.
         let corners = 6.0 * (truth.blur_px * truth.blur_px + 1.0 / 12.0);
         let missing = 0.224 * plate_px * plate_px - region(&contour).area;
         assert!(

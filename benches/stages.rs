@@ -1,6 +1,7 @@
-//! Each step alone, on a frame of the demo: `cargo bench --bench stages`.
+//! Each step by itself, on a frame of the demo: `cargo bench --bench stages`.
 //!
-//! `stage/copy` is the unit: a plain copy of the frame's bytes. Answers are checked before anything is timed.
+//! `stage/copy` is the unit: a plain copy of the frame's bytes. Answers are checked before anything
+//! is timed.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -36,7 +37,7 @@ fn colour(picture: &Picture) -> Colour<'_> {
     }
 }
 
-/// What each step makes of a frame of the demo: the inputs of the next one.
+/// The result of each step on a frame of the demo: the inputs of the next step.
 struct Steps {
     slot: Slot,
     picture: Picture,
@@ -48,7 +49,7 @@ struct Steps {
     mask: Vec<u8>,
 }
 
-/// The floor as frames are compared with it.
+/// The floor, prepared for comparison with frames.
 struct FloorPlanes {
     level: Vec<u16>,
     red_share: Vec<u16>,
@@ -57,7 +58,7 @@ struct FloorPlanes {
     colour_scale: Vec<i16>,
 }
 
-/// What a frame differs by.
+/// Difference of a frame from the floor.
 #[derive(Clone)]
 struct DifferencePlanes {
     light: Vec<i16>,

@@ -1,13 +1,13 @@
-//! Draws what overcam finds in one frame into a picture: outlines, headings, and forecasts.
+//! Draws what overcam finds in one frame into a picture: outlines, headings and forecasts.
 //!
 //! ```text
 //! cargo run --release --example draw -- OUTPUT [SOURCE [SEQUENCE]]
 //! ```
 //!
-//! `OUTPUT` is a PNG or JPEG file.//!
-//! `SOURCE` is anything that `--device` takes except a camera, by default the demo. Frames before `SEQUENCE` are processed
-//! too, so that tracks and forecasts are those of a run. Marked objects are green and obstacles orange. Blue is where an object
-//! will be during the next second, with the 95 % ellipse of half a second ahead.
+//! `OUTPUT` is a PNG or JPEG file. `SOURCE` is anything that `--device` accepts except a camera, by
+//! default the demo. Frames before `SEQUENCE` are processed too, so tracks and forecasts are those
+//! of a run. Marked objects are green and obstacles orange. Blue shows where an object will be
+//! during the next second, with the 95 % ellipse half a second ahead.
 
 use std::error::Error;
 
@@ -21,12 +21,12 @@ use overcam::settings::Settings;
 use overcam::source::Source;
 use scene::{KIND_MARKER, Object, Scene};
 
-/// Pixels of the drawing for one of the frame.
+/// Pixels of the drawing per pixel of the frame.
 const SCALE: u32 = 2;
 const MARKED: Rgb<u8> = Rgb([0, 200, 60]);
 const OBSTACLE: Rgb<u8> = Rgb([255, 120, 0]);
 const FORECAST: Rgb<u8> = Rgb([40, 110, 255]);
-/// Standard deviations that a 95 % ellipse of two dimensions reaches.
+/// Radius of a 95 % ellipse in two dimensions, in standard deviations.
 const SIGMA_95: f64 = 2.447;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -87,7 +87,7 @@ fn draw_scene(drawing: &mut RgbImage, scene: &Scene) {
     }
 }
 
-/// From the centre of the plate in the direction of the marker.
+/// An arrow from the centre of the plate in the direction of the marker.
 fn draw_arrow(drawing: &mut RgbImage, object: &Object, heading: f64, colour: Rgb<u8>) {
     let from = [object.x, object.y];
     let ahead = |angle: f64, length: f64, start: [f64; 2]| {
@@ -108,7 +108,7 @@ fn draw_arrow(drawing: &mut RgbImage, object: &Object, heading: f64, colour: Rgb
     }
 }
 
-/// The path of the next second, and the ellipse in its middle.
+/// The path of the next second, and the ellipse half-way.
 fn draw_forecast(drawing: &mut RgbImage, object: &Object) {
     let mut last = [object.x, object.y];
     for point in object.forecast().iter().filter(|point| point.dt_s < 1.05) {
@@ -118,7 +118,7 @@ fn draw_forecast(drawing: &mut RgbImage, object: &Object) {
         if (point.dt_s - 0.5).abs() > 0.05 {
             continue;
         }
-        // Cholesky: the unit circle becomes the ellipse.
+        // Cholesky: maps the unit circle to the ellipse.
         let [[xx, xy], [_, yy]] = point.covariance;
         let a = xx.max(0.0).sqrt();
         let b = if a > 0.0 { xy / a } else { 0.0 };
@@ -136,7 +136,7 @@ fn draw_forecast(drawing: &mut RgbImage, object: &Object) {
     }
 }
 
-/// A line two pixels wide. Coordinates are the frame's.
+/// A line two pixels wide, in coordinates of the frame.
 fn line(drawing: &mut RgbImage, from: [f64; 2], to: [f64; 2], colour: Rgb<u8>) {
     let scaled = |[x, y]: [f64; 2]| [x, y].map(|v| (v + 0.5) * f64::from(SCALE) - 0.5);
     let (from, to) = (scaled(from), scaled(to));

@@ -1,13 +1,13 @@
-//! A planner's side of overcam: waits for each scene and prints where every marked robot is, and where it will be half a
-//! second from now, when a command may take effect.
+//! A planner's side of overcam: waits for each scene and prints where every marked robot is, and
+//! where it will be half a second from now, when a command may take effect.
 //!
 //! ```text
 //! cargo run --example planner -- [NAME [SCENES]]
 //! ```
 //!
-//! `NAME` is that of `overcam --service NAME`; after `SCENES` scenes it ends. Where overcam runs with `--group GROUP`, set
-//! `OVERCAM_GROUP=GROUP`. It needs the crates `scene` and `iceoryx2`, and
-//! `rustix` to read the clock. `planner.py` is the same in Python.
+//! `NAME` is that of `overcam --service NAME`. The program ends after `SCENES` scenes. If overcam
+//! runs with `--group GROUP`, set `OVERCAM_GROUP=GROUP`. It needs the crates `scene` and
+//! `iceoryx2`, and `rustix` to read the clock. `planner.py` is the same in Python.
 
 use std::error::Error;
 use std::io::{ErrorKind, Write};
@@ -22,7 +22,7 @@ use iceoryx2::service::port_factory::publish_subscribe;
 use rustix::time::{ClockId, clock_gettime};
 use scene::{DEFAULT_SERVICE, SERVICE_SUFFIX, Scene};
 
-/// Until a command takes effect.
+/// Delay until a command takes effect.
 const DELAY_NS: u64 = 500_000_000;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let name = ServiceName::new(&format!("{name}{SERVICE_SUFFIX}"))?;
     while let Some(overcam) = Subscription::wait_for(&name)? {
         loop {
-            // Ctrl-C ends the wait, so that everything in shared memory is given back.
+            // Ctrl-C ends the wait, so that all shared memory is released.
             if remaining == 0 || overcam.node.wait(Duration::ZERO).is_err() {
                 return Ok(());
             }
@@ -44,7 +44,8 @@ fn main() -> Result<(), Box<dyn Error>> {
                 heard = true;
             }
             match overcam.listener.timed_wait(|_| {}, Duration::from_secs(1)) {
-                // Silence: the service's files may have been removed, and overcam has made new ones.
+                // Silence: the service's files may have been removed, and overcam has created new
+                // ones.
                 Ok(0) if !heard && !overcam.is_current() => break,
                 Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
                 Err(error) => return Err(error.into()),
@@ -54,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// What is open in shared memory. Ports go before the services they belong to, and these before the node.
+/// Ports must be dropped before the services they belong to, and these before the node.
 struct Subscription {
     subscriber: Subscriber<ipc::Service, Scene, ()>,
     listener: Listener<ipc::Service>,
@@ -63,10 +64,11 @@ struct Subscription {
 }
 
 impl Subscription {
-    /// Waits until overcam runs. `None`: Ctrl-C.
+    /// Waits until overcam runs. `None` after Ctrl-C.
     fn wait_for(name: &ServiceName) -> Result<Option<Self>, Box<dyn Error>> {
         loop {
-            // With the environment variable OVERCAM_GROUP, where `overcam --group` publishes. It may not be there yet.
+            // With the environment variable OVERCAM_GROUP, where `overcam --group` publishes; that
+            // may not exist yet.
             let config = match scene::config(name) {
                 Ok(config) => config,
                 Err(error) if error.kind() == ErrorKind::NotFound => Config::default(),
@@ -83,9 +85,9 @@ impl Subscription {
             match (scenes, wakeups) {
                 (Ok(scenes), Ok(wakeups)) => {
                     let listener = wakeups.listener_builder().create()?;
-                    // The newest scene is enough: a planner that comes late has no use for those it missed.
+                    // The newest scene is enough: a late planner has no use for those it missed.
                     let subscriber = scenes.subscriber_builder().buffer_size(1).create()?;
-                    // Lets overcam reach them, should it run as another user of the group.
+                    // Gives overcam access to the ports if it runs as another user of the group.
                     scene::admit(&config)?;
                     return Ok(Some(Self {
                         subscriber,
@@ -95,7 +97,7 @@ impl Subscription {
                     }));
                 }
                 (Err(PublishSubscribeOpenError::DoesNotExist), _)
-                | (_, Err(EventOpenError::DoesNotExist)) => {} // overcam does not run yet
+                | (_, Err(EventOpenError::DoesNotExist)) => {} // overcam is not running yet
                 (Err(error), _) => return Err(error.into()),
                 (_, Err(error)) => return Err(error.into()),
             }

@@ -1,12 +1,14 @@
-//! How well the descriptor alone tells shapes apart: each picture of a folder is given the class of its nearest neighbour.
+//! How well the descriptor alone distinguishes shapes: each picture of a folder gets the class of
+//! its nearest neighbour.
 //!
 //! ```text
 //! cargo run --release --example silhouettes -- DIR
 //! ```
 //!
-//! The folder holds PNG pictures of light silhouettes on black, named CLASS-NUMBER.png. Two distances are tried: that of the contours'
-//! points once they are turned into each other ([`compare_both_ways`]), which recognition uses, and its lower bound from the
-//! magnitudes of the coefficients ([`least_distance`]), the paper's descriptor.
+//! The folder holds PNG pictures of light silhouettes on black, named CLASS-NUMBER.png. Two
+//! distances are tried. The first, used for recognition, is that of the contours' points after
+//! aligning their orientation ([`compare_both_ways`]). The second is its lower bound from the
+//! magnitudes of the coefficients ([`min_distance`]), the paper's descriptor.
 
 use std::path::Path;
 use std::{env, fs};
@@ -18,7 +20,7 @@ use fourier::matching::{compare_both_ways, min_distance};
 use imgproc::contour::{Span, follow_contour, next_shape, remove_shape, span_capacity};
 use imgproc::{Point, Size};
 
-/// A picture's class and what it looks like.
+/// The class and the descriptor of a picture.
 struct Silhouette {
     class: String,
     descriptor: Descriptor,
@@ -63,7 +65,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The share of silhouettes whose nearest neighbour is of the same class.
+/// Share of silhouettes whose nearest neighbour has the same class.
 fn share_right(
     silhouettes: &[Silhouette],
     distance: impl Fn(&Descriptor, &Descriptor) -> f32,

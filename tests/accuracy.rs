@@ -1,4 +1,4 @@
-//! What the whole chain finds on the demo floor, against the truth.
+//! Results of the whole pipeline on the demo floor, compared with the truth.
 
 use overcam::geometry::calibration::{Calibration, PointPair};
 use overcam::marker::{Family, built_in_files};
@@ -11,7 +11,7 @@ fn family() -> Family {
     Family::from_files(&built_in_files()).expect("the built-in family is usable")
 }
 
-/// Runs the demo through a pipeline and hands each scene to `check` with the truth.
+/// Runs the demo through a pipeline and passes each scene to `check` with the truth.
 fn run(
     frames: u64,
     seed: u64,
@@ -83,7 +83,7 @@ fn the_demo_floor_is_found_as_it_is() {
             }
         }
         for object in scene.objects() {
-            // Of a clean print nearly everything is explained; an obstacle is not sure to be anything.
+            // A marker explains nearly all of a clean print; an obstacle has no confidence.
             match object.marker_name().filter(|_| object.observed()) {
                 Some(name) => assert!(
                     (0.95..=1.0).contains(&object.confidence),
@@ -160,7 +160,7 @@ fn tracks_keep_their_numbers_and_forecasts_come_true() {
     });
     let error_px = (squares / f64::from(n)).sqrt();
     println!("forecasts up to 0.2 s of a robot on a circle: {error_px:.3} px over {n}");
-    // It drives 43 px a second on a circle of 62 px: a straight line would be 0.6 px off after 0.2 s.
+    // It moves at 43 px/s on a circle of 62 px: a straight line would be 0.6 px off after 0.2 s.
     assert!(error_px < 0.6, "forecasts are {error_px} px off");
 }
 

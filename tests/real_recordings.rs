@@ -1,7 +1,9 @@
-//! What is found in recordings of real floors, against truth that people or a plain threshold gave.
+//! What is found in recordings of real floors, compared with truth from people or a plain
+//! threshold.
 //!
-//! The recordings are other people's and no part of the project: `RECORDINGS` names a folder that holds them, `traco` with
-//! videos of small robots and the places of their heads, and `grey` with a video of two flies. ffmpeg decodes them.
+//! The recordings belong to others and are not part of the project. `RECORDINGS` names a folder
+//! that holds them: `traco` with videos of small robots and the positions of their heads, and
+//! `grey` with a video of two flies. ffmpeg decodes them.
 
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -15,8 +17,8 @@ use overcam::settings::Settings;
 use overcam::source::y4m::Y4m;
 use scene::{Object, Scene};
 
-/// Distance from an outline within which a place still belongs to the object, pixels of the scaled picture: people do not
-/// click more exactly.
+/// Distance from an outline within which a position still belongs to the object, in pixels of the
+/// scaled picture: people do not click more precisely.
 const NEAR_PX: f64 = 4.0;
 
 fn recordings(folder: &str) -> PathBuf {
@@ -58,7 +60,7 @@ impl Video {
         self.frames.info()
     }
 
-    /// Fills the frame; false at the end.
+    /// Fills the frame. False at the end.
     fn next(&mut self, frame: &mut Frame) -> bool {
         let next = self.frames.next(frame).expect("ffmpeg's frames are whole");
         if next == Next::End {
@@ -71,13 +73,13 @@ impl Video {
 
 impl Drop for Video {
     fn drop(&mut self) {
-        // It may have ended already; what matters is that it does not stay.
+        // It may have ended already; it only must not keep running.
         _ = self.ffmpeg.kill();
         _ = self.ffmpeg.wait();
     }
 }
 
-/// A pipeline with the default settings, but for the number of frames from which it learns.
+/// A pipeline with the default settings except for the number of frames it learns from.
 struct Play {
     pipeline: Pipeline,
     slot: Slot,
@@ -101,7 +103,8 @@ impl Play {
         }
     }
 
-    /// Processes the frame that `fill` puts into the slot; time goes on however often a video begins anew.
+    /// Processes the frame that `fill` puts into the slot. Time continues even if a video starts
+    /// again.
     fn frame(&mut self, fill: impl FnOnce(&mut Frame) -> bool) -> Option<Outcome> {
         self.slot.background = None;
         if !fill(&mut self.slot.frame) {
@@ -115,12 +118,12 @@ impl Play {
     }
 }
 
-/// Objects that were observed.
+/// The objects that were observed.
 fn observed(scene: &Scene) -> impl Iterator<Item = &Object> {
     scene.objects().iter().filter(|object| object.observed())
 }
 
-/// Whether a place is within an outline or near it.
+/// Whether a position is inside an outline or near it.
 fn holds(object: &Object, [x, y]: [f64; 2]) -> bool {
     let corners = object.outline();
     let mut inside = false;
@@ -138,7 +141,7 @@ fn holds(object: &Object, [x, y]: [f64; 2]) -> bool {
     inside || near
 }
 
-/// How many of some places lie in objects, and how many objects hold none of them.
+/// Number of positions that lie in objects, and number of objects that contain none of them.
 fn compare(scene: &Scene, places: &[[f64; 2]]) -> (usize, usize) {
     let hit = |place: &&[f64; 2]| observed(scene).any(|object| holds(object, **place));
     let is_false = |object: &&Object| !places.iter().any(|&place| holds(object, place));
@@ -148,7 +151,7 @@ fn compare(scene: &Scene, places: &[[f64; 2]]) -> (usize, usize) {
     )
 }
 
-/// Width and height of a video as it is stored.
+/// Width and height of a video as stored.
 fn stored_size(path: &Path) -> [f64; 2] {
     let output = Command::new("ffprobe")
         .args(["-v", "error", "-select_streams", "v:0"])
@@ -165,7 +168,7 @@ fn stored_size(path: &Path) -> [f64; 2] {
     [side(), side()]
 }
 
-/// Heads in each frame, stored pixels: a table with the columns row number, frame, robot, x, y.
+/// Heads in each frame, in stored pixels: a table with the columns row number, frame, robot, x, y.
 fn heads(path: &Path) -> Vec<Vec<[f64; 2]>> {
     let text = std::fs::read_to_string(path).expect("the table of heads");
     let mut heads = Vec::new();
@@ -177,7 +180,7 @@ fn heads(path: &Path) -> Vec<Vec<[f64; 2]>> {
         let [_, frame, _, x, y] = columns[..] else {
             panic!("{}: a row has other columns: {line}", path.display());
         };
-        // A robot that nobody saw has no place.
+        // A robot that nobody saw has no position.
         if x.is_nan() || y.is_nan() {
             continue;
         }
@@ -219,8 +222,8 @@ fn robots_on_real_floors_are_found_and_nothing_else() {
     assert!(false_rate <= 0.10, "{false_rate:.3} false objects a frame");
 }
 
-/// Learns the floor from a whole video and judges it when it comes again: share of heads that were hit, false objects a frame,
-/// frames.
+/// Learns the floor from a whole video and evaluates the same video: share of heads that were hit,
+/// false objects per frame, number of frames.
 fn judge_robots(path: &Path) -> (f64, f64, usize) {
     let mut video = Video::open(path, "scale=640:-2", "yuv422p");
     let info = video.info();
@@ -266,13 +269,13 @@ fn judge_robots(path: &Path) -> (f64, f64, usize) {
     )
 }
 
-/// A fly's body is brighter than this; its wings and the floor, but for specks, are darker.
+/// A fly's body is brighter than this. Its wings and the floor are darker, except for specks.
 const BODY_LEVEL: u8 = 140;
 
 /// A body has about 300 pixels at a width of 640, a speck fewer than 20.
 const BODY_AREA_MIN: usize = 100;
 
-/// Centres of the bodies in a grey frame: bright pixels that touch, in any of eight directions.
+/// Centres of the bodies in a grey frame: connected bright pixels (8-connectivity).
 fn bodies(frame: &Frame) -> Vec<[f64; 2]> {
     let (width, height) = (frame.size.width, frame.size.height);
     let mut bright: Vec<bool> = frame.bytes.iter().map(|&b| b > BODY_LEVEL).collect();
@@ -304,9 +307,10 @@ fn bodies(frame: &Frame) -> Vec<[f64; 2]> {
 
 #[test]
 #[ignore = "RECORDINGS=DIR with the folders traco and grey; needs ffmpeg: RECORDINGS=... cargo test --test real_recordings -- --ignored --nocapture"]
-fn two_flies_before_a_grey_camera_are_found_and_nothing_else() {
+fn two_flies_in_a_grey_video_are_found_and_nothing_else() {
     let path = recordings("grey").join("flies.mp4");
-    // The floor is learned from every tenth frame of the whole run: a fly may sit for as long as it likes.
+    // The floor is learned from every tenth frame of the whole run, since a fly may sit still for
+    // long.
     let mut run = Video::open(&path, "select='not(mod(n,10))',scale=640:-2", "gray");
     let mut play = Play::new(&run.info(), 300);
     for _ in 0..300 {
@@ -317,7 +321,7 @@ fn two_flies_before_a_grey_camera_are_found_and_nothing_else() {
     while let Some(outcome) = play.frame(|frame| video.next(frame)) {
         assert_eq!(outcome, Outcome::Scene);
         let bodies = bodies(&play.slot.frame);
-        // Bodies that touch are one; more than two would be a mistake of this test.
+        // Touching bodies are one; more than two would be a mistake of this test.
         n_strange += usize::from(!(1..=2).contains(&bodies.len()));
         let (hit, is_false) = compare(&play.slot.scene, &bodies);
         n_frames += 1;

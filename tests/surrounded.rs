@@ -1,4 +1,5 @@
-//! A robot in the corner, in the bay or in the hole of something else is one robot, and the other thing is an obstacle.
+//! A robot in the corner, bay or hole of another object is one robot, and the other object is an
+//! obstacle.
 
 use imgproc::Size;
 use overcam::background::model::BackgroundModel;
@@ -14,7 +15,7 @@ const SIZE: Size = Size {
     height: 200,
 };
 const FLOOR: u8 = 140;
-/// Red, green and blue of what is not the robot, and of the rim of its plate.
+/// Red, green and blue of the other object, and of the rim of the robot's plate.
 const THING: [f64; 3] = [70.0, 110.0, 60.0];
 const RIM: [f64; 3] = [60.0, 60.0, 160.0];
 /// The arrow of the built-in markers, in a view box of 100.
@@ -30,10 +31,10 @@ const ARROW: [[f64; 2]; 7] = [
 const PLATE_PX: f64 = 32.0;
 const CENTRE: [f64; 2] = [110.0, 90.0];
 const TURN_RAD: f64 = 0.4;
-/// Points of a pixel in each direction.
+/// Sample points per pixel in each direction.
 const STEPS: usize = 4;
 
-/// Whether something stands at a place, from the robot's centre.
+/// Whether the other object covers a point, given relative to the robot's centre.
 type Thing = fn(i32, i32) -> bool;
 
 /// The colour of a point of the robot, if it is there.
@@ -106,7 +107,7 @@ fn inside(dx: i32, dy: i32, half: i32) -> bool {
     dx.abs() <= half && dy.abs() <= half
 }
 
-/// Outer and inner half width of what is around the robot, which does not touch it.
+/// Outer and inner half-width of the object around the robot, which it does not touch.
 const OUTER: i32 = 50;
 const INNER: i32 = 38;
 

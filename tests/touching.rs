@@ -1,4 +1,4 @@
-//! Two boxes that are pushed together are one shape in the picture and stay two objects.
+//! Two boxes that are pushed together are one shape in the picture but remain two objects.
 
 use imgproc::Size;
 use overcam::background::model::BackgroundModel;
@@ -16,7 +16,8 @@ const FLOOR: [u8; 3] = [150, 140, 120];
 const BOX: [u8; 3] = [40, 60, 160];
 const SIDE: usize = 24;
 
-/// Left edges of the boxes: 2 px a frame until they touch in frame 40, together for three seconds, and back.
+/// Left edges of the boxes: 2 px per frame until they touch in frame 40, three seconds together,
+/// and back.
 fn left_edges(frame: usize) -> [usize; 2] {
     let gap = 2 * (40_usize.saturating_sub(frame) + frame.saturating_sub(130));
     [160 - SIDE - gap, 160 + gap]
@@ -39,7 +40,7 @@ fn draw(frame: usize, slot: &mut Slot) {
 }
 
 #[test]
-fn two_boxes_touch_and_part_under_their_numbers() {
+fn two_boxes_touch_and_separate_with_their_ids() {
     let family = Family::from_files(&built_in_files()).expect("the built-in markers are good");
     let mut pipeline = Pipeline::new(SIZE, Some(30.0), Settings::default(), family, None);
     let mut slot = Slot::empty();
@@ -68,7 +69,7 @@ fn two_boxes_touch_and_part_under_their_numbers() {
         })) {
             let centre = left as f64 + (SIDE as f64 - 1.0) / 2.0;
             assert!(
-                // What touches is thought to pass on for a moment.
+                // Touching objects are assumed to pass each other for a moment.
                 (object.x - centre).abs() < if apart { 1.0 } else { 8.0 },
                 "frame {frame}: track {} at {}, not {centre}",
                 object.track,

@@ -1,7 +1,9 @@
-//! Capturing from real V4L2 devices: the kernel's test camera `vivid` with its fault injection, and `v4l2loopback`.
+//! Capturing from real V4L2 devices: the kernel's test camera `vivid` with its fault injection, and
+//! `v4l2loopback`.
 //!
-//! `tests/v4l2-vm/test` runs all of it in a virtual machine, because both need kernel modules, and the faults are set with
-//! `v4l2-ctl`. One test at a time: there is one camera.
+//! `tests/v4l2-vm/test` runs all tests in a virtual machine, because both devices need kernel
+//! modules and the faults are set with `v4l2-ctl`. The tests run one at a time, since there is only
+//! one camera.
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
@@ -19,14 +21,14 @@ const VGA: Size = Size {
     width: 640,
     height: 480,
 };
-/// The emulated machine is slow; nothing here should take so long.
+/// The emulated machine is slow, but nothing here should take this long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn node() -> PathBuf {
     env::var_os("OVERCAM_TEST_CAMERA").map_or_else(|| "/dev/video0".into(), PathBuf::from)
 }
 
-/// Without a second of waiting for automatics, which most tests are not about.
+/// Skips the second of waiting for automatic controls, which most tests do not concern.
 fn open(request: CameraRequest) -> Camera {
     let controls = ControlRequest {
         camera_auto: true,
@@ -126,7 +128,8 @@ fn vivid_shows_the_same_colours_in_every_format() {
         ..CameraRequest::default()
     };
     let expected = bars(&frames(&mut open(rgb), 1)[0]);
-    // White, yellow, cyan, green, magenta, red, blue, black; which of them tells limited from full range.
+    // White, yellow, cyan, green, magenta, red, blue, black. These distinguish limited from full
+    // range.
     assert!(expected[0].iter().all(|&c| c > 180), "{expected:?}");
     assert!(expected[7].iter().all(|&c| c < 20), "{expected:?}");
     for format in [
@@ -160,7 +163,7 @@ fn vivid_shows_the_same_colours_in_every_format() {
             for (found, expected) in found.iter().zip(&expected) {
                 let [red, green, blue] = *expected;
                 let expected = match format {
-                    // The driver weighs grey by BT.709.
+                    // The driver computes grey by BT.709.
                     PixelFormat::Grey => [(2126 * red + 7152 * green + 722 * blue) / 10_000; 3],
                     _ => *expected,
                 };
@@ -182,7 +185,7 @@ fn vivid_is_asked_for_sensible_things() {
         "{:?}",
         camera.info()
     );
-    // The driver's highest rate at this size is below the 30 that are asked for.
+    // The driver's highest rate at this size is below the requested 30.
     assert_eq!(camera.info().rate_hz, Some(25.0));
     drop(camera);
     let slow = CameraRequest {
@@ -236,10 +239,10 @@ fn vivid_is_listed() {
     }
 }
 
-/// The gain of vivid is the seconds of its clock while it is automatic; it has nothing else of what is locked.
+/// While automatic, the gain of vivid is the seconds of its clock. It has no other control to lock.
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
-fn vivid_gain_is_locked_and_given_back() {
+fn vivid_gain_is_locked_and_restored() {
     set_control("gain_automatic=1");
     let mut camera = start(small());
     let report = camera.info().controls.expect("it is started");
@@ -248,7 +251,7 @@ fn vivid_gain_is_locked_and_given_back() {
     assert_eq!(missing, "no control of exposure, white balance, focus");
     assert_eq!(control("gain_automatic"), "gain_automatic: 0");
     assert_eq!(control("gain"), format!("gain: {gain}"));
-    // What was thrown away is not counted.
+    // Discarded frames are not counted.
     assert_eq!(frames(&mut camera, 3)[0].sequence, 0);
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(control("gain"), format!("gain: {gain}"));
@@ -263,7 +266,7 @@ fn vivid_gain_is_locked_and_given_back() {
 
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
-fn vivid_takes_what_is_given_by_hand_and_refuses_what_it_has_not() {
+fn vivid_accepts_its_controls_and_refuses_missing_ones() {
     set_control("gain_automatic=1");
     let with = |controls| CameraRequest {
         controls,
@@ -345,7 +348,7 @@ fn vivid_failing_calls_are_named() {
 fn vivid_counts_and_clocks_may_wrap_around() {
     set_control("wrap_sequence_number=1");
     let mut camera = open(small());
-    // The count starts 128 before its end.
+    // The count starts 128 before its wrap-around.
     let last = frames(&mut camera, 150).pop().expect("150 frames");
     set_control("wrap_sequence_number=0");
     let lost = camera.counters().lost_by_driver;
@@ -361,7 +364,7 @@ fn vivid_counts_and_clocks_may_wrap_around() {
 
 #[test]
 #[ignore = "needs a camera in a virtual machine: run tests/v4l2-vm/test"]
-fn vivid_that_vanishes_is_lost_and_can_come_back() {
+fn vivid_can_be_unplugged_and_come_back() {
     for control in ["inject_fatal_streaming_error=1", "disconnect=1"] {
         let mut camera = open(CameraRequest::default());
         let first = frames(&mut camera, 5);
@@ -417,7 +420,7 @@ fn feed_jpeg(number: usize) -> Vec<u8> {
     jpeg
 }
 
-/// Takes the Huffman tables out, as cameras do.
+/// Removes the Huffman tables, as cameras do.
 fn without_tables(jpeg: &[u8]) -> Vec<u8> {
     let mut stripped = jpeg[..2].to_vec();
     let mut at = 2;
@@ -436,7 +439,7 @@ fn feed_yuyv(number: usize) -> Vec<u8> {
     [100 + number as u8, 128].repeat(VGA.area())
 }
 
-/// Writes what the loopback camera is to play.
+/// Writes what the loopback camera will play.
 #[test]
 #[ignore = "part of tests/v4l2-vm/test"]
 fn write_feeds() {
@@ -457,7 +460,8 @@ fn loopback_raw_frames_are_those_of_the_feed() {
     let report = camera.info().controls.expect("it is started");
     assert_eq!(report, "no control of exposure, gain, white balance, focus");
     let frames = frames(&mut camera, 30);
-    // The first buffer has count 0, the next ones their place since the feed began, which is seconds ago.
+    // The first buffer has count 0, the next ones their index since the feed started, which was
+    // seconds ago.
     assert!(frames[29].sequence < 100, "{}", frames[29].sequence);
     assert!(
         camera.counters().lost_by_driver < 70,

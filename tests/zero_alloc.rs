@@ -1,6 +1,8 @@
-//! The pipeline allocates nothing for a frame, and what a frame gives does not depend on the frames that its memory held before.
+//! The pipeline allocates nothing for a frame, and its results do not depend on the frames that its
+//! memory held before.
 //!
-//! An allocator counts; it and `src/camera/v4l2.rs` are the only places with `unsafe`.
+//! Allocations are counted by an allocator. It and `src/camera/v4l2.rs` are the only places with
+//! `unsafe`.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -16,49 +18,52 @@ use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ};
 use scene::Scene;
 
 thread_local! {
-    /// Allocations of this thread: the other tests run meanwhile.
+    /// Allocations of this thread, since other tests run at the same time.
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// The system's allocator, counted.
+/// The system allocator, with a counter.
 struct Counting;
 
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
 fn count() {
-    // A thread that ends has no counter any more, and none that asks for it.
+    // A thread that is ending no longer has a counter and does not need one.
     let _ = ALLOCATIONS.try_with(|allocations| allocations.set(allocations.get() + 1));
 }
 
-// SAFETY: every call goes to the system's allocator as it came, so all that `GlobalAlloc` demands holds as it does there.
-// Counting allocates nothing: the counter is initialised at compile time and has no destructor.
+// SAFETY: every call is forwarded unchanged to the system allocator, so it meets the requirements
+// of `GlobalAlloc`. Counting allocates nothing: the counter is initialised at compile time and has
+// no destructor.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
-        // SAFETY: the caller guarantees that the layout has a size.
+        // SAFETY: the caller guarantees that the layout has a non-zero size.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         count();
-        // SAFETY: the caller guarantees that the layout has a size.
+        // SAFETY: the caller guarantees that the layout has a non-zero size.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         count();
-        // SAFETY: the caller guarantees that the block is of this allocator, hence of the system's, and of this layout.
+        // SAFETY: the caller guarantees that the block has this layout and is from this allocator,
+        // so from the system's.
         unsafe { System.realloc(block, layout, size) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        // SAFETY: the caller guarantees that the block is of this allocator, hence of the system's, and of this layout.
+        // SAFETY: the caller guarantees that the block has this layout and is from this allocator,
+        // so from the system's.
         unsafe { System.dealloc(block, layout) }
     }
 }
 
-/// Allocations while `work` runs, and its result.
+/// Number of allocations while `work` runs, and its result.
 fn counted<T>(work: impl FnOnce() -> T) -> (u64, T) {
     let before = ALLOCATIONS.get();
     let result = work();
@@ -79,7 +84,7 @@ fn pipeline(settings: Settings) -> Pipeline {
     Pipeline::new(NATURAL_SIZE, Some(RATE_HZ), settings, family, None)
 }
 
-/// Layouts that are tested: what the demo draws, and what most cameras send.
+/// Tested layouts: what the demo draws, and what most cameras send.
 const FORMATS: [PixelFormat; 2] = [PixelFormat::Rgb, PixelFormat::Yuyv];
 
 fn draw(floor: &mut Floor, sequence: u64, format: PixelFormat, slot: &mut Slot) {
@@ -89,7 +94,7 @@ fn draw(floor: &mut Floor, sequence: u64, format: PixelFormat, slot: &mut Slot) 
     }
 }
 
-/// Luma and chroma by BT.601 in the full range; a pair of pixels has the chroma of its left one.
+/// Luma and chroma by BT.601 in the full range. A pair of pixels has the chroma of its left one.
 fn to_yuyv(frame: &mut Frame) {
     let pairs = frame.bytes.as_chunks::<6>().0;
     let yuyv = pairs.iter().flat_map(|pair| {
@@ -112,11 +117,11 @@ fn a_frame_is_processed_without_an_allocation() {
         let mut n_marked = 0;
         for sequence in 0..60 {
             draw(&mut floor, sequence, format, &mut slot);
-            // Later on it comes again, as it does from a recording with several.
+            // It is given again later, as from a recording with several.
             slot.background = (sequence % 40 == 0).then(|| floor.background());
             let (allocations, outcome) = counted(|| pipeline.process(&mut slot));
             assert_eq!(outcome.expect("it is a picture"), Outcome::Scene);
-            // The first picture of the floor makes the memory.
+            // The first picture of the floor allocates the memory.
             assert_eq!(
                 allocations == 0,
                 sequence > 0,
@@ -130,7 +135,7 @@ fn a_frame_is_processed_without_an_allocation() {
 }
 
 #[test]
-fn learning_allocates_only_where_it_ends() {
+fn learning_allocates_only_at_its_end() {
     const LEARN: u32 = 12;
     for format in FORMATS {
         let mut pipeline = pipeline(Settings {
@@ -154,13 +159,13 @@ fn learning_allocates_only_where_it_ends() {
                 allocating.push(sequence);
             }
         }
-        // The first frame with the new floor makes the memory to compare with it.
+        // The first frame with the new floor allocates the memory to compare with it.
         assert_eq!(allocating, [u64::from(LEARN)], "{format:?}");
     }
 }
 
 #[test]
-fn learning_anew_allocates_only_where_it_is_asked_for() {
+fn relearning_allocates_only_on_request() {
     const LEARN: u32 = 12;
     let mut pipeline = pipeline(Settings {
         learn: LEARN,
@@ -190,7 +195,8 @@ fn learning_anew_allocates_only_where_it_is_asked_for() {
     assert_eq!(changed_at, [0, 10 + u64::from(LEARN)]);
 }
 
-/// Frames full of shapes, then the empty floor until all of them are forgotten: all memory is dirty and no track is left.
+/// Frames full of shapes, then the empty floor until all are forgotten, so that all memory is dirty
+/// and no track is left.
 fn make_dirty(pipeline: &mut Pipeline, background: &model::BackgroundModel) {
     let mut slot = Slot::empty();
     slot.frame.format = PixelFormat::Rgb;
@@ -245,7 +251,7 @@ fn results_do_not_depend_on_what_the_memory_held() {
     dirty.process(&mut slots[1]).expect("it is a picture");
     make_dirty(&mut dirty, &background);
 
-    // A floor that is given anew is a new camera: what was learned of the lens is forgotten too.
+    // A new floor means a new camera, so what was learned about the lens is forgotten too.
     for slot in &mut slots {
         slot.background = Some(background.clone());
     }
@@ -262,7 +268,8 @@ fn results_do_not_depend_on_what_the_memory_held() {
     }
 }
 
-/// The scene as JSON, with its tracks numbered anew: numbers are never given twice, so the forgotten tracks have taken some.
+/// The scene as JSON with its tracks renumbered: ids are never reused, so the forgotten tracks have
+/// taken some.
 fn numbered_from_one(scene: &Scene) -> String {
     let mut scene = *scene;
     let mut tracks: Vec<u64> = scene.objects().iter().map(|object| object.track).collect();

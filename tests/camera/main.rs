@@ -1,8 +1,10 @@
-//! The whole program with a camera that shows the demo floor: feeds for a loopback camera, and what must be found in them.
+//! The whole program with a camera that shows the demo floor: feeds for a loopback camera, and
+//! checks of the results.
 //!
-//! `tests/camera/run` runs the program in a virtual machine between the two parts; its folder is named by
-//! `OVERCAM_CAMERA_TEST`. A recording holds the camera's frames byte for byte, so that each is looked up in the feed and
-//! compared with the demo's truth of just that moment, whatever the camera dropped or the program passed over.
+//! `tests/camera/run` runs the program in a virtual machine between the two parts.
+//! `OVERCAM_CAMERA_TEST` names its folder. A recording holds the camera's frames byte for byte, so
+//! each is looked up in the feed and compared with the demo's truth at exactly that time,
+//! regardless of frames that the camera dropped or the program skipped.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -17,20 +19,22 @@ use serde_json::Value;
 
 const SEED: u64 = 5;
 
-/// From red, green and blue to what a camera delivers.
+/// From red, green and blue to the camera's format.
 type Encode = fn(&[u8]) -> Vec<u8>;
 
-/// Frames of the demo that are played, forwards and then backwards: the loop has no jump.
+/// Frames of the demo that are played, forwards and then backwards, so that the loop has no jump.
 const N_DRAWN: u64 = 24;
 
-/// From one of them to the next: nine seconds of the demo in all, so that nothing covers a place for half of the frames.
+/// Step between them: nine seconds of the demo in all, so that nothing covers a place for half of
+/// the frames.
 const STEP: u64 = 12;
 
-/// Greatest error of one pose: five times what the demo's own frames allow, whose root mean square is tested elsewhere.
+/// Maximum error of a pose: five times the root mean square of the demo's own frames, which is
+/// tested elsewhere.
 const CENTRE_MAX_PX: f64 = 1.25;
 const HEADING_MAX_RAD: f64 = 0.13;
 
-/// Least share of the markers that is found, as promised.
+/// Minimum share of the markers that is found, as documented.
 const FOUND_MIN: f64 = 0.98;
 
 /// Fewer scenes than this prove nothing.
@@ -47,7 +51,7 @@ fn drawn(sequence: u64) -> Frame {
     frame
 }
 
-/// Luma, blue and red difference in the limited range (BT.601, 2.5.3), in which cameras deliver them.
+/// Luma and blue and red difference in limited range (BT.601, 2.5.3), as cameras deliver them.
 fn yuyv(rgb: &[u8]) -> Vec<u8> {
     let ycc = |pixel: &[u8]| {
         let [r, g, b] = [pixel[0], pixel[1], pixel[2]].map(|c| f64::from(c) / 255.0);
@@ -65,7 +69,7 @@ fn yuyv(rgb: &[u8]) -> Vec<u8> {
         .collect()
 }
 
-/// With one colour for two pixels, as webcams have it.
+/// With one chroma sample for two pixels, as in webcams.
 fn jpeg(rgb: &[u8]) -> Vec<u8> {
     let mut jpeg = Vec::new();
     let mut encoder = Encoder::new(&mut jpeg, 90);
@@ -81,12 +85,12 @@ fn jpeg(rgb: &[u8]) -> Vec<u8> {
     jpeg
 }
 
-/// Numbers of the demo's frames in one round of the feed.
+/// Frame numbers of the demo in one round of the feed.
 fn round() -> impl Iterator<Item = u64> {
     (0..N_DRAWN).chain((1..N_DRAWN - 1).rev()).map(|i| i * STEP)
 }
 
-/// The frames of the feed as the camera delivers them, and which frames of the demo they are.
+/// The frames of the feed as the camera delivers them, and their frame numbers in the demo.
 fn feed(encode: Encode) -> HashMap<Vec<u8>, u64> {
     (0..N_DRAWN)
         .map(|i| i * STEP)
@@ -103,16 +107,16 @@ fn write_feed(name: &str, encode: Encode) {
     fs::write(file(name), bytes).expect("written");
 }
 
-/// The feed of JPEG pictures in which every tenth runs out of data, somewhere, and has an end marker all the same.
+/// A feed of JPEG pictures in which every tenth is truncated somewhere but still has an end marker.
 fn write_damaged_feed(name: &str) {
     const END_MARKER: [u8; 2] = [0xff, 0xd9];
     let pictures = round().enumerate().map(|(i, sequence)| {
         let mut picture = jpeg(&drawn(sequence).bytes);
         if i % 10 == 5 {
-            // After the headers, of which there are some hundred bytes.
+            // After the headers, which take a few hundred bytes.
             let cut = 1000 + (i * 7919) % (picture.len() - 2000);
             picture.truncate(cut);
-            // Half of a marker would make the end marker another one.
+            // Half of a marker would combine with the end marker into another one.
             while picture.last() == Some(&0xff) {
                 picture.pop();
             }
@@ -145,7 +149,7 @@ fn shown(run: &str, feed: &HashMap<Vec<u8>, u64>) -> HashMap<u64, u64> {
     shown
 }
 
-/// Those with a frame: an emulated camera may be silent for a while.
+/// The scenes with a frame: an emulated camera may be silent for a while.
 fn scenes(run: &str) -> Vec<Value> {
     fs::read_to_string(file(&format!("{run}.json")))
         .expect("JSON lines")
@@ -163,7 +167,7 @@ fn wrapped(angle_rad: f64) -> f64 {
     angle_rad - (angle_rad / std::f64::consts::TAU).round() * std::f64::consts::TAU
 }
 
-/// How the scenes of a run compare with the truth.
+/// Comparison of a run's scenes with the truth.
 #[derive(Debug, Default)]
 struct Tally {
     scenes: usize,
@@ -171,14 +175,14 @@ struct Tally {
     markers_found: usize,
     obstacles: usize,
     obstacles_found: usize,
-    /// Objects where nothing is.
+    /// Number of objects where there is none.
     n_false: usize,
     centre_px2: f64,
     heading_rad2: f64,
 }
 
 impl Tally {
-    /// Enters a scene; fails on a marker that is not there or not so.
+    /// Adds a scene. Fails on a marker that is absent or different.
     fn add(&mut self, scene: &Value, truth: &[Truth]) {
         self.scenes += 1;
         let objects = scene["objects"].as_array().expect("objects");
@@ -234,16 +238,16 @@ impl Tally {
     }
 }
 
-/// What of the floor a run can see.
+/// Which part of the floor a run can see.
 #[derive(Clone, Copy)]
 enum Visible {
     Everything,
-    /// What stands still all the time is taken for the floor.
+    /// Things that never move are taken for the floor.
     WhatMoves,
 }
 
 impl Visible {
-    /// Whether each of the demo's objects is seen, in their order.
+    /// Whether each of the demo's objects is seen, in order.
     fn of(self, floor: &Floor) -> Vec<bool> {
         let places = |sequence| {
             floor
@@ -266,7 +270,7 @@ fn compare(run: &str, encode: Encode, visible: Visible) {
     let mut tally = Tally::default();
     for scene in scenes(run) {
         let sequence = scene["sequence"].as_u64().expect("a number");
-        // Emulated, learning takes so long that frames are lost from the recording meanwhile.
+        // In emulation, learning is so slow that frames are missing from the recording.
         let Some(&frame) = shown.get(&sequence) else {
             continue;
         };

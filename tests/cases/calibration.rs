@@ -1,4 +1,4 @@
-//! Measured points that mislead: the point that is wrong is named, and what is odd is said.
+//! Misleading measurements: the wrong point is named, and doubtful values are reported.
 
 use std::fs;
 
@@ -13,7 +13,7 @@ fn bad_point(name: &str) -> Option<u32> {
 
 #[test]
 #[ignore = "needs cases: CASES=DIR cargo test --test cases -- --ignored"]
-fn points_that_mislead_are_named() {
+fn misleading_points_are_named() {
     let mut wrong = Vec::new();
     for case in cases(&["calibration-"]) {
         let mut files: Vec<String> = fs::read_dir(&case.folder)

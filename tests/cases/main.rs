@@ -1,8 +1,10 @@
-//! Cases from the field: folders, each with a README that says in a line what is right, and with what it needs.
+//! Cases from the field: folders with a README that states in one line the correct result, and
+//! which files it needs.
 //!
-//! The folders are no part of the project. `CASES=DIR cargo test --test cases -- --ignored` runs the program in each folder of DIR
-//! and checks what its README says. A folder with another name than those that are known here, but of a known kind (the word before the
-//! first `-`), is run as its README says and must not make the program panic or hang.
+//! The folders are not part of the project. `CASES=DIR cargo test --test cases -- --ignored` runs
+//! the program in each folder of DIR and checks the statement of its README. A folder with an
+//! unknown name but of a known kind (the word before the first `-`) is run as its README says and
+//! must not make the program panic or hang.
 
 mod calibration;
 mod pictures;
@@ -17,7 +19,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-/// After this a process counts as hung.
+/// A process that takes longer counts as hung.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A folder of CASES.
@@ -28,17 +30,17 @@ pub(crate) struct Case {
     pub(crate) readme: String,
 }
 
-/// What a run of the program printed and how it ended.
+/// Output and exit status of a run of the program.
 #[derive(Debug)]
 pub(crate) struct Ended {
     pub(crate) status: Option<i32>,
-    /// Objects of JSON on standard output.
+    /// JSON objects on standard output.
     pub(crate) scenes: Vec<Value>,
     /// Standard error.
     pub(crate) said: String,
 }
 
-/// The cases whose names begin like one of these kinds, in order of their names.
+/// The cases whose names start with one of these kinds, in order of their names.
 pub(crate) fn cases(kinds: &[&str]) -> Vec<Case> {
     let folder = std::env::var_os("CASES").expect("CASES names the folder of the cases");
     // The program runs in the folder of the case.
@@ -86,15 +88,16 @@ impl Case {
         ended
     }
 
-    /// The same, which must go well.
+    /// Runs the program, which must succeed.
     pub(crate) fn succeed(&self, arguments: &[&str]) -> Ended {
         let ended = self.run(arguments);
         assert_eq!(ended.status, Some(0), "{}: {}", self.name, ended.said);
         ended
     }
 
-    /// Runs the program as the README says, as far as it says so, and looks only whether it ends in order.
-    pub(crate) fn run_as_told(&self) {
+    /// Runs the program as the README says, as far as it does, and only checks that it ends
+    /// properly.
+    pub(crate) fn run_as_documented(&self) {
         let commands = self
             .readme
             .match_indices("overcam --")
@@ -162,7 +165,7 @@ pub(crate) fn run_in(folder: &Path, arguments: &[&str]) -> Ended {
     }
 }
 
-/// Objects of a scene that were seen in its frame.
+/// Objects of a scene that were observed in its frame.
 pub(crate) fn observed(scene: &Value) -> Vec<&Value> {
     let objects = scene["objects"].as_array().expect("objects are a list");
     objects

@@ -24,7 +24,7 @@ fn is_marker(object: &&Value) -> bool {
     object["kind"] == "marker"
 }
 
-/// All frames give results, and in each the same number of objects.
+/// All frames give results, each with the same number of objects.
 fn all_are_read(case: &Case) {
     let ended = case.succeed(&FRAMES);
     assert_eq!(
@@ -52,7 +52,7 @@ fn all_are_read(case: &Case) {
     );
 }
 
-/// The fourth frame gives none, and it alone is counted.
+/// The fourth frame gives none, and only that one is counted.
 fn the_cut_one_is_passed_over(case: &Case) {
     let ended = case.succeed(&FRAMES);
     assert_eq!(sequences(&ended), [0, 1, 2, 4, 5], "{}", ended.said);
@@ -206,10 +206,10 @@ fn pictures_are_what_their_readmes_say() {
             "y4m-wide-pixels" => wide_pixels_lose_no_marker_in_silence(&case),
             "region-alpha" => transparent_is_not_looked_at(&case),
             "duplicate-marker" => one_robot_and_one_obstacle(&case),
-            // It has no frames but a program that needs others to make them.
+            // It has no frames, only a program that needs others to generate them.
             "v4l2-interlaced" if !case.has("x.y4m") => continue,
             _ => {
-                case.run_as_told();
+                case.run_as_documented();
                 continue;
             }
         }

@@ -1,11 +1,11 @@
-//! Marker drawings: one folder each, with a README whose line says what is right.
+//! Marker drawings: one folder each, with a README that states the correct result in one line.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::{Case, cases};
 
-/// Exit status and standard output with standard error.
+/// Exit status, and standard output followed by standard error.
 pub(crate) fn overcam(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_overcam"))
         .args(arguments)
@@ -19,7 +19,7 @@ pub(crate) fn overcam(folder: &Path, arguments: &[&str]) -> (Option<i32>, String
     )
 }
 
-/// What a README line asks for.
+/// The result that a README line requires.
 #[derive(Debug, PartialEq)]
 enum Right {
     Accepted,
@@ -34,7 +34,7 @@ fn right(readme: &str) -> Right {
         line if line.starts_with("RIGHT (refused") => Right::Refused,
         line if line.starts_with("RIGHT") => Right::Accepted,
         line if line.starts_with("WRONG (refused") => Right::Accepted,
-        // The picture shows one plain shape: reading that one is as good as a refusal.
+        // The picture shows one plain shape, so reading that one is as good as a refusal.
         line if line.starts_with("WRONG") && line.contains("covered") => Right::Either,
         line if accepted_wrongly.iter().any(|words| line.contains(words)) => Right::Refused,
         _ => Right::Either,

@@ -17,7 +17,7 @@ const SIZE: Size = Size {
 };
 const RATE_HZ: u64 = 30;
 
-/// Figures that are no markers, and tempt to be taken for some.
+/// Figures that are no markers but could be mistaken for some.
 const TEMPTING: [&str; 7] = [
     "M20 20H80V80H20Z",
     "M50 10A40 40 0 0 1 50 90A40 40 0 0 1 50 10Z",
@@ -28,7 +28,7 @@ const TEMPTING: [&str; 7] = [
     "M15 80L30 20H60L85 80Z",
 ];
 
-/// What was seen of some plates.
+/// Results for some plates.
 #[derive(Debug, Default, Clone, Copy)]
 pub(crate) struct Score {
     pub(crate) shown: u32,
@@ -101,8 +101,8 @@ fn tempting() -> Vec<Drawing> {
     drawings(&files)
 }
 
-/// Shows every marker of a family in every frame, each in its own part of the picture, and as many tempting figures as
-/// there is room for.
+/// Shows every marker of a family in every frame, each in its own part of the picture, with as many
+/// non-markers as there is room for.
 pub(crate) fn measure(
     files: &[MarkerFile],
     palette: &Palette,
@@ -143,7 +143,7 @@ pub(crate) fn measure(
     };
     let rows = (SIZE.height as f32 / pitch) as usize;
     let robots = match conditions.disturbance {
-        // A black marker that runs into something black has no border there.
+        // A black marker that touches something black has no border there.
         Disturbance::Touching => &[Robot::None, Robot::Rim(250.0)][..],
         _ => &[
             Robot::None,
@@ -295,8 +295,8 @@ fn small_blurred_and_noisy_markers_are_read_and_nothing_else_is() {
     }
 }
 
-/// Red, blue and green on white on a light table: the plate is hardly brighter than the table, and the marker not much darker
-/// than its own shadow would be.
+/// Red, blue and green on white on a light table: the plate is hardly brighter than the table, and
+/// the marker hardly darker than its own shadow would be.
 #[test]
 fn coloured_markers_on_a_light_table_are_read() {
     for ink in [
@@ -326,8 +326,8 @@ pub(crate) fn at(plate_px: f32) -> Conditions {
     Conditions { plate_px, ..USUAL }
 }
 
-/// The table in README: `cargo test --release --test markers -- --ignored --nocapture table`. `FRAMES` sets how many frames a
-/// row has.
+/// The table in README: `cargo test --release --test markers -- --ignored --nocapture table`.
+/// `FRAMES` sets the number of frames per row.
 #[test]
 #[ignore = "takes minutes"]
 fn table() {

@@ -1,11 +1,11 @@
-//! What cameras, lamps and motion do to markers: fewer are read, none is mistaken.
+//! Effects of cameras, lamps and motion on markers: fewer are read, none is mistaken.
 
 use overcam::marker::built_in_files;
 
 use crate::accuracy::{Score, at, measure};
 use crate::scene::{Conditions, Disturbance, GREY, Palette};
 
-/// Red on white on a floor of wood.
+/// Red on white on a wooden floor.
 const RED: Palette = Palette {
     floor: [150.0, 120.0, 85.0],
     paper: [225.0, 224.0, 220.0],
@@ -28,7 +28,7 @@ fn score(palette: &Palette, plate_px: f32, disturbance: Disturbance, frames: u64
 }
 
 #[test]
-fn what_ordinary_cameras_do_hides_hardly_a_marker() {
+fn ordinary_disturbances_hide_hardly_any_marker() {
     for (palette, disturbance, recall) in [
         (&GREY, Disturbance::Motion(2.0), 0.97),
         (&GREY, Disturbance::Defocus(1.5), 0.97),
@@ -37,7 +37,7 @@ fn what_ordinary_cameras_do_hides_hardly_a_marker() {
         (&GREY, Disturbance::Touching, 0.85),
         (&RED, Disturbance::Touching, 0.95),
         (&RED, Disturbance::Subsampled, 0.97),
-        // Compressed, the colours around dark rims hide parts of robots.
+        // After compression, the colours around dark rims hide parts of robots.
         (&RED, Disturbance::Jpeg(75), 0.9),
     ] {
         let score = score(palette, 24.0, disturbance, 6);

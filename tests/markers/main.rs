@@ -1,6 +1,7 @@
-//! How small, blurred and noisy a marker may be, and how exact its pose is then.
+//! How small, blurred and noisy a marker may be, and how precise its pose is then.
 //!
-//! Scenes are drawn by this test alone, point by point, so that nothing in them comes from the code that reads them.
+//! Scenes are drawn by this test alone, point by point, so that they do not depend on the code
+//! under test.
 
 mod accuracy;
 mod disturbances;

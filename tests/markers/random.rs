@@ -1,4 +1,4 @@
-//! Numbers that look random and are the same in every run.
+//! Pseudo-random numbers, the same in every run.
 
 /// A generator: splitmix64.
 #[derive(Debug, Clone)]
@@ -18,7 +18,7 @@ impl Random {
         from + (to - from) * (self.next() >> 40) as f32 / (1u64 << 24) as f32
     }
 
-    /// Nearly normal with variance 1: a sum of four 16-bit numbers.
+    /// Approximately normal with variance 1: a sum of four 16-bit numbers.
     pub(crate) fn normal(&mut self) -> f32 {
         let bits = self.next();
         let sum: u64 = (0..4).map(|i| (bits >> (16 * i)) & 0xffff).sum();

@@ -1,53 +1,54 @@
-//! Floors with plates on them, drawn point by point, with their truth.
+//! Floors with plates, drawn point by point, with their truth.
 
 use imgproc::Size;
 use overcam::image::frame::{Frame, PixelFormat};
 
 use crate::random::Random;
 
-/// Points of a pixel along each axis, as distances from its centre.
+/// Sample points per pixel along each axis.
 const SUBSAMPLES: usize = 10;
 
-/// What camera and light do.
+/// Effects of camera and light.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Conditions {
-    /// Side of the plates, pixels.
+    /// Side of the plates, in pixels.
     pub(crate) plate_px: f32,
-    /// Standard deviation of the lens's blur, pixels.
+    /// Standard deviation of the lens blur, in pixels.
     pub(crate) blur_px: f32,
-    /// Standard deviation of a pixel's noise, grey levels.
+    /// Standard deviation of the noise of a pixel, in grey levels.
     pub(crate) noise: f32,
-    /// By how much the light grows over 100 px to the right.
+    /// Increase of the light over 100 px to the right.
     pub(crate) slope: f32,
-    /// What else is not as it should be.
+    /// Any other disturbance.
     pub(crate) disturbance: Disturbance,
 }
 
-/// What goes wrong on real floors.
+/// Disturbances on real floors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Disturbance {
     None,
-    /// Everything moves by so many pixels while the shutter is open, in any direction.
+    /// Everything moves by this many pixels during the exposure, in any direction.
     Motion(f32),
-    /// The lens is out of focus: the radius of the disc that a point becomes, pixels.
+    /// The lens is out of focus: radius in pixels of the disc that a point becomes.
     Defocus(f32),
-    /// The edge of a shadow lies across every plate; the share of light in it.
+    /// The edge of a shadow crosses every plate; the share of light in it.
     Shadow(f32),
-    /// Light falls off across every plate; the share of light at its dark side.
+    /// Light falls off across every plate; the share of light at the dark side.
     Falloff(f32),
-    /// A lamp is mirrored on every plate; the radius of the white spot, as a share of the plate's side.
+    /// A lamp is reflected on every plate; radius of the white spot, as a share of the plate's
+    /// side.
     Glare(f32),
     /// Frames are JPEG of this quality.
     Jpeg(u8),
-    /// Pixels share their colour by fours.
+    /// Groups of four pixels share their chroma.
     Subsampled,
-    /// Plates lie at the left border, up to a half of them outside of the picture.
+    /// Plates are at the left border, with up to half of them outside the picture.
     Border,
     /// Markers are so large that they touch the edges of their plates.
     Touching,
 }
 
-/// Colours of what is drawn.
+/// Colours of the scene.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Palette {
     pub(crate) floor: [f32; 3],
@@ -55,21 +56,21 @@ pub(crate) struct Palette {
     pub(crate) ink: [f32; 3],
 }
 
-/// Black on white on grey, before a grey camera.
+/// Black on white on grey, seen by a grey camera.
 pub(crate) const GREY: Palette = Palette {
     floor: [120.0; 3],
     paper: [225.0; 3],
     ink: [40.0; 3],
 };
 
-/// What lies under a plate.
+/// The robot under a plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Robot {
     /// The plate lies on the floor.
     None,
-    /// A dark, round one.
+    /// A dark, round robot.
     Dark,
-    /// A frame of a grey level around the plate.
+    /// A frame of this grey level around the plate.
     Rim(f32),
 }
 
@@ -78,10 +79,11 @@ pub(crate) enum Robot {
 pub(crate) struct Plate<'a> {
     pub(crate) figure: &'a [[f32; 2]],
     pub(crate) centre: [f32; 2],
-    /// Turn of the drawing.
+    /// Rotation of the drawing.
     pub(crate) turn_rad: f32,
     pub(crate) robot: Robot,
-    /// Where shadows, light and glare come from, as seen from this plate: any direction, and any distance from 0 to 1.
+    /// Where shadow, light and glare come from, relative to this plate: any direction, and a
+    /// distance from 0 to 1.
     pub(crate) light: [f32; 2],
 }
 
@@ -109,7 +111,7 @@ impl Plate<'_> {
     }
 }
 
-/// Whether a point lies inside a polygon.
+/// Whether a point is inside a polygon.
 fn contains(polygon: &[[f32; 2]], [x, y]: [f32; 2]) -> bool {
     let mut inside = false;
     let mut from = polygon[polygon.len() - 1];
@@ -124,7 +126,7 @@ fn contains(polygon: &[[f32; 2]], [x, y]: [f32; 2]) -> bool {
     inside
 }
 
-/// A camera's picture of plates: a grey one's where all colours are grey.
+/// A camera's picture of plates: a grey camera if all colours are grey.
 pub(crate) fn picture(
     size: Size,
     plates: &[Plate<'_>],
@@ -163,7 +165,7 @@ pub(crate) fn picture(
     frame.full_range = true;
     frame.bytes.clear();
     for i in 0..size.area() {
-        // Full light at the right border: white is not to be more than the sensor takes.
+        // Full light at the right border, so that white does not exceed the sensor's range.
         let light_at = |x: f32| 1.0 + conditions.slope * (x - size.width as f32 / 2.0) / 100.0;
         let lit = light_at((i % size.width) as f32) / light_at(size.width as f32);
         for plane in &planes {
@@ -178,7 +180,7 @@ pub(crate) fn picture(
     }
 }
 
-/// Shadows, falling light and glare around one plate.
+/// Adds shadow, falloff and glare around one plate.
 fn light(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, conditions: &Conditions) {
     let side = conditions.plate_px;
     let [direction, distance] = plate.light;
@@ -199,7 +201,7 @@ fn light(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, conditions: &Co
                 Disturbance::Glare(radius) => {
                     let [gx, gy] = [cos, sin].map(|d| d * distance * side * 0.5);
                     let r = (dx - gx).hypot(dy - gy) / (radius * side);
-                    // White in its middle, and gone at its radius.
+                    // White in its middle, and zero at its radius.
                     value + 400.0 * (1.0 - r).clamp(0.0, 0.6)
                 }
                 _ => value,
@@ -217,7 +219,7 @@ fn span(centre: f32, reach: f32, length: usize) -> std::ops::Range<usize> {
     (centre - reach).max(0.0) as usize..((centre + reach).max(0.0) as usize + 1).min(length)
 }
 
-/// A plane that moved along a straight line.
+/// A plane with motion blur along a straight line.
 fn smeared(plane: &[f32], size: Size, length: f32, direction: f32) -> Vec<f32> {
     const STEPS: usize = 9;
     let (sin, cos) = direction.sin_cos();
@@ -228,7 +230,7 @@ fn smeared(plane: &[f32], size: Size, length: f32, direction: f32) -> Vec<f32> {
     mean_of_shifted(plane, size, &offsets)
 }
 
-/// A plane through a lens that makes discs of points.
+/// A plane through a defocused lens, which turns points into discs.
 fn defocused(plane: &[f32], size: Size, radius: f32) -> Vec<f32> {
     const ACROSS: usize = 9;
     let at = |i: usize| radius * (2.0 * (i as f32 + 0.5) / ACROSS as f32 - 1.0);
@@ -262,7 +264,7 @@ fn mean_of_shifted(plane: &[f32], size: Size, offsets: &[[f32; 2]]) -> Vec<f32> 
     out
 }
 
-/// What a camera with a JPEG compressor sends.
+/// Compresses the frame as a camera with a JPEG encoder does.
 fn compress(frame: &mut Frame, quality: u8) {
     let [width, height] = [frame.size.width, frame.size.height].map(|side| side as u32);
     let colours = match frame.format {
@@ -277,7 +279,7 @@ fn compress(frame: &mut Frame, quality: u8) {
     frame.format = PixelFormat::Jpeg;
 }
 
-/// Red, green and blue to luma and a fourth of the chroma, by BT.601 with full range.
+/// Converts RGB to luma and quarter-resolution chroma, by BT.601 with full range.
 fn subsample(frame: &mut Frame) {
     let [width, height] = [frame.size.width, frame.size.height];
     let rgb = |x: usize, y: usize| {

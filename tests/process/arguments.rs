@@ -1,11 +1,11 @@
-//! Arguments that cannot be meant: status 2, and what would be right.
+//! Invalid arguments: status 2, and a message with the valid values.
 
 use std::fs;
 
 use crate::fixture::{PLAIN, folder, printed, run, write_y4m};
 
 #[test]
-fn every_number_has_a_range_that_is_told() {
+fn every_number_has_a_range_that_is_reported() {
     let folder = folder();
     let cases: [(&[&str], &[&str], &str); 19] = [
         (
@@ -90,7 +90,7 @@ fn every_number_has_a_range_that_is_told() {
     ];
     for (arguments, values, range) in cases {
         for value in values {
-            // With `=`, so that a minus is no flag.
+            // With `=`, so that a minus sign is not taken for a flag.
             let (flag, before) = arguments.split_last().expect("a flag");
             let argument = format!("{flag}={value}");
             let ended = run(folder.path(), &[before, &[&argument]].concat());
@@ -100,7 +100,7 @@ fn every_number_has_a_range_that_is_told() {
             assert!(ended.lines.is_empty());
         }
     }
-    // Nothing was made on the way.
+    // No file was created.
     let made = fs::read_dir(folder.path()).expect("the folder").count();
     assert_eq!(made, 1, "only the markers of the fixture");
 }

@@ -1,4 +1,4 @@
-//! A file of arguments: printed, edited, run with, recorded and replayed.
+//! A file of arguments: printed, edited, used, recorded and replayed.
 
 use std::fs;
 
@@ -25,7 +25,7 @@ fn settings_are_printed_edited_run_recorded_and_replayed() {
     fs::create_dir(path.join("conf")).expect("made");
     fs::rename(path.join("lab-markers"), path.join("conf/lab-markers")).expect("moved");
     fs::write(path.join("conf/lab.toml"), &edited).expect("written");
-    // Paths in it start at its own folder, and are printed from here.
+    // Paths in it are relative to its own folder, and are printed relative to this one.
     let as_read = printed_file(&["--config", "conf/lab.toml", "--print-config"]);
     let expected = edited.replace("\"lab-markers\"", "\"conf/lab-markers\"");
     assert_eq!(as_read, expected);
@@ -36,7 +36,7 @@ fn settings_are_printed_edited_run_recorded_and_replayed() {
     let replayed = printed(path, &["--device", "run.mcap", "--json", "--no-publish"]);
     assert_eq!(replayed, live);
 
-    // The recording is between the file and the defaults.
+    // The recording ranks between the file and the defaults.
     let of_recording = printed_file(&["--device", "run.mcap", "--print-config"]);
     for line in ["area_min = 120", "threshold = 6.5", "# shadow = 0.6"] {
         assert!(

@@ -1,4 +1,5 @@
-//! Pictures that are damaged among others that are not: each is passed over, told and counted, and nothing is seen in it.
+//! Damaged pictures among intact ones: each is skipped, reported and counted, and nothing is seen
+//! in it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -28,7 +29,7 @@ const SIZE: Size = Size {
 const N_FRAMES: u64 = 60;
 const PERIOD_NS: u64 = 33_333_333;
 
-/// Frames of the demo as JPEG pictures, as cameras and programs write them, and its empty floor.
+/// Frames of the demo as JPEG pictures from cameras and programs, and its empty floor.
 static DEMO: LazyLock<(Vec<Vec<u8>>, BackgroundModel)> = LazyLock::new(|| {
     let mut demo = Demo::new(SIZE);
     let mut slot = Slot::empty();
@@ -54,7 +55,8 @@ static DEMO: LazyLock<(Vec<Vec<u8>>, BackgroundModel)> = LazyLock::new(|| {
     (pictures, floor.expect("the demo knows its floor"))
 });
 
-/// The pictures, every tenth of them cut at some place, every other one of these with an end marker put behind the cut.
+/// The pictures, every tenth of them truncated somewhere. Half of these have an end marker after
+/// the cut.
 fn damaged() -> Vec<Vec<u8>> {
     let mut pictures = DEMO.0.clone();
     let mut state = 7_usize;
@@ -62,7 +64,7 @@ fn damaged() -> Vec<Vec<u8>> {
         state = state
             .wrapping_mul(6_364_136_223_846_793_005)
             .wrapping_add(1);
-        // What is cut is more than the end marker.
+        // Cut off more than the end marker.
         picture.truncate((state >> 33) % (picture.len() - 2));
         if i % 2 == 0 {
             picture.extend([0xff, 0xd9]);
@@ -78,7 +80,7 @@ fn write_folder(folder: &Path, pictures: &[Vec<u8>]) {
     }
 }
 
-/// What another program records of a camera.
+/// A camera recording by another program.
 fn write_foreign(path: &Path, pictures: &[Vec<u8>]) {
     let file = fs::File::create_new(path).expect("the file can be created");
     let mut mcap = mcap::Writer::new(file).expect("it can be written");
@@ -114,7 +116,7 @@ fn write_foreign(path: &Path, pictures: &[Vec<u8>]) {
     mcap.finish().expect("the file can be finished");
 }
 
-/// What overcam itself recorded before it looked into pictures.
+/// A recording as overcam made it before it checked pictures.
 fn write_recording(path: &Path, pictures: &[Vec<u8>]) {
     let info = SourceInfo {
         name: "a camera".to_owned(),
@@ -161,7 +163,7 @@ fn locate(folder: &Path, device: &str) -> Ended {
     ended
 }
 
-/// Positions of the objects that were seen, by frame.
+/// Positions of the observed objects, by frame.
 fn seen(ended: &Ended) -> BTreeMap<u64, Vec<[f64; 2]>> {
     let objects = |scene: &Value| {
         let objects = scene["objects"].as_array().expect("a list").iter();
@@ -184,7 +186,7 @@ fn seen(ended: &Ended) -> BTreeMap<u64, Vec<[f64; 2]>> {
 }
 
 #[test]
-fn nothing_is_seen_in_pictures_that_were_cut() {
+fn nothing_is_seen_in_truncated_pictures() {
     let folder = folder();
     let path = |name: &str| folder.path().join(name);
     write_folder(&path("whole"), &DEMO.0);
@@ -250,7 +252,7 @@ fn a_run_fails_when_no_picture_can_be_read() {
 }
 
 #[test]
-fn a_recording_of_pictures_that_were_passed_over_gives_the_same_lines() {
+fn a_recording_with_skipped_pictures_gives_the_same_lines() {
     let folder = folder();
     write_recording(&folder.path().join("own.mcap"), &damaged());
     let learn = [

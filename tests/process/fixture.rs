@@ -12,21 +12,21 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// After this a process that should have done something counts as hung.
+/// A process that takes longer to do something counts as hung.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
-/// For runs of which neither the markers nor the shared memory matter: of a run of a few small frames, learning the built-in markers
-/// would be the most.
+/// For runs in which neither markers nor shared memory matter: learning the built-in markers would
+/// take most of the time.
 pub(crate) const PLAIN: [&str; 3] = ["--no-publish", "--markers", "one"];
 
-/// A folder of the test's own; it holds the marker of [`PLAIN`].
+/// A folder for one test. It holds the marker of [`PLAIN`].
 pub(crate) fn folder() -> TempDir {
     let folder = tempfile::tempdir().expect("a folder can be made");
     write_markers(&folder.path().join("one"), &["arrow"]);
     folder
 }
 
-/// The built program in a folder. Nothing comes on its standard input.
+/// The built program in a folder, with empty standard input.
 pub(crate) fn overcam(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_overcam"));
     command
@@ -41,14 +41,14 @@ pub(crate) fn run(folder: &Path, arguments: &[&str]) -> Ended {
     Running::start(&mut overcam(folder, arguments)).end()
 }
 
-/// Runs the program to its end, which must be a good one, and returns what it printed on standard output.
+/// Runs the program to its end, which must be successful, and returns its standard output.
 pub(crate) fn printed(folder: &Path, arguments: &[&str]) -> Vec<String> {
     let ended = run(folder, arguments);
     assert_eq!(ended.status, Some(0), "{arguments:?}: {:?}", ended.errors);
     ended.lines
 }
 
-/// A name that no other test and no other run uses.
+/// A name that no other test or run uses.
 pub(crate) fn unique(name: &str) -> String {
     format!("overcam-test-{}-{name}", std::process::id())
 }
@@ -61,7 +61,7 @@ pub(crate) fn sequence_of(line: &str) -> u64 {
     parse(line)["sequence"].as_u64().expect("a number")
 }
 
-/// How a process ended, and what it printed and said that nobody took before.
+/// How a process ended, and its remaining output.
 #[derive(Debug)]
 pub(crate) struct Ended {
     pub(crate) status: Option<i32>,
@@ -78,10 +78,10 @@ impl Ended {
     }
 }
 
-/// A process whose lines arrive one by one. It is killed when it goes out of scope.
+/// A process whose lines arrive one by one. It is killed when dropped.
 pub(crate) struct Running {
     child: Child,
-    /// Kept open, if it is a pipe.
+    /// Kept open if it is a pipe.
     pub(crate) stdin: Option<ChildStdin>,
     lines: Receiver<String>,
     errors: Receiver<String>,
@@ -131,7 +131,7 @@ impl Running {
         assert!(status.expect("sh runs").success());
     }
 
-    /// Kills it as `kill -9` does; what it had printed.
+    /// Kills it like `kill -9`. Returns what it had printed.
     pub(crate) fn kill(mut self) -> Vec<String> {
         self.child.kill().expect("it can be killed");
         self.child.wait().expect("it can be waited for");
@@ -175,12 +175,12 @@ fn lines_of(stream: impl Read + Send + 'static) -> Receiver<String> {
     receiver
 }
 
-/// Sides of the frames that [`y4m`] draws.
+/// Size of the frames that [`y4m`] draws.
 pub(crate) const WIDTH: usize = 160;
 pub(crate) const HEIGHT: usize = 120;
 
-/// A Y4M stream, 4:2:0 and 30 frames a second: a bright and a red rectangle cross a grey floor. No pixel is covered for more
-/// than 6 frames, so that the floor can be learned from 13 and more.
+/// A Y4M stream, 4:2:0 at 30 frames per second: a bright and a red rectangle cross a grey floor. No
+/// pixel is covered for more than 6 frames, so the floor can be learned from 13 or more.
 pub(crate) fn y4m(n_frames: usize) -> Vec<u8> {
     let mut stream = format!("YUV4MPEG2 W{WIDTH} H{HEIGHT} F30:1 Ip C420jpeg\n").into_bytes();
     for n in 0..n_frames {
@@ -212,7 +212,7 @@ struct Rectangle {
     top: usize,
 }
 
-/// Adds a plane of which each sample stands for `step` x `step` pixels.
+/// Adds a plane in which each sample covers `step` x `step` pixels.
 fn plane(stream: &mut Vec<u8>, step: usize, floor: u8, rectangles: &[(Rectangle, u8)]) {
     for y in (0..HEIGHT).step_by(step) {
         for x in (0..WIDTH).step_by(step) {
@@ -238,7 +238,7 @@ pub(crate) fn write_markers(folder: &Path, names: &[&str]) {
 /// Point pairs of a calibration file: pixels and metres.
 pub(crate) type Pairs<'a> = &'a [([f64; 2], [f64; 2])];
 
-/// A camera straight above the demo floor, 100 pixels a metre.
+/// A camera straight above the demo floor, at 100 pixels per metre.
 pub(crate) const STRAIGHT: Pairs = &[
     ([0.0, 0.0], [0.0, 4.8]),
     ([640.0, 0.0], [6.4, 4.8]),

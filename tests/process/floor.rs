@@ -1,4 +1,5 @@
-//! The empty floor: learned into a file, learned anew while it runs, and the part of the picture that is floor.
+//! The empty floor: learned into a file, relearned during a run, and limited to a region of the
+//! picture.
 
 use std::fs;
 use std::io::Write;
@@ -25,10 +26,10 @@ const SIZE: Size = Size {
 
 const FRAME: &[u8] = b"FRAME\n";
 
-/// Of a frame in 4:2:0 with its header.
+/// Size of a 4:2:0 frame with its header.
 const FRAME_BYTES: usize = FRAME.len() + WIDTH * HEIGHT * 3 / 2;
 
-/// Frames of an empty, noisy floor, and then those of [`y4m`].
+/// Frames of an empty, noisy floor, followed by those of [`y4m`].
 fn empty_then_busy(n_empty: usize, n_busy: usize) -> Vec<u8> {
     let mut stream = y4m(n_empty + n_busy);
     let first = stream.len() - (n_empty + n_busy) * FRAME_BYTES;
@@ -65,7 +66,7 @@ fn a_floor_from_a_file_gives_the_results_of_one_that_was_just_learned() {
     };
     let expected = "floor.png: 160 x 120, learned from 30 frames; median noise 1.";
     assert!(said.starts_with(expected), "{said}");
-    // A file that is there already is replaced, and nothing is left beside it.
+    // An existing file is replaced, and no other file is left.
     fs::write(path("floor.png"), "old").expect("it can be written");
     printed(folder.path(), &background);
     let floor = BackgroundModel::read(&path("floor.png"), None).expect("it is a floor");
@@ -73,7 +74,7 @@ fn a_floor_from_a_file_gives_the_results_of_one_that_was_just_learned() {
     let names = fs::read_dir(folder.path()).expect("it can be listed");
     assert_eq!(names.count(), 3, "the stream, the floor and the markers");
 
-    // The same pictures without the empty ones before them, to which the floor would adapt.
+    // The same pictures without the preceding empty ones, to which the floor would adapt.
     let stream = empty_then_busy(30, 20);
     let header = stream.len() - 50 * FRAME_BYTES;
     let busy = [
@@ -118,7 +119,7 @@ fn a_floor_is_learned_from_all_frames_of_a_file_that_has_fewer() {
 }
 
 #[test]
-fn a_floor_that_is_not_learned_to_the_end_is_not_written() {
+fn an_incompletely_learned_floor_is_not_written() {
     let folder = folder();
     fs::write(folder.path().join("floor.png"), "old").expect("it can be written");
     let arguments = ["background", "--device", "-", "-o", "floor.png"];
@@ -133,7 +134,7 @@ fn a_floor_that_is_not_learned_to_the_end_is_not_written() {
     assert!(ended.lines.is_empty());
     drop(pipe);
 
-    // A stream that is cut is an error, and so is one without frames.
+    // A truncated stream is an error, and so is one without frames.
     let mut cut = y4m(5);
     cut.truncate(cut.len() - 100);
     fs::write(folder.path().join("cut.y4m"), cut).expect("it can be written");
@@ -154,7 +155,7 @@ fn a_floor_that_is_not_learned_to_the_end_is_not_written() {
 }
 
 #[test]
-fn the_floor_is_learned_anew_on_a_signal_and_the_recording_replays() {
+fn the_floor_is_relearned_on_a_signal_and_the_recording_replays() {
     let folder = folder();
     let arguments = [
         &PLAIN[..],
@@ -173,7 +174,7 @@ fn the_floor_is_learned_anew_on_a_signal_and_the_recording_replays() {
     let ended = running.end();
     assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
     lines.extend(ended.lines);
-    // Results went on meanwhile.
+    // Results continued in the meantime.
     assert!(lines.len() > 45, "{} lines", lines.len());
 
     let replayed = printed(
@@ -192,7 +193,7 @@ fn the_floor_is_learned_anew_on_a_signal_and_the_recording_replays() {
 }
 
 #[test]
-fn what_is_outside_the_region_is_not_looked_at() {
+fn pixels_outside_the_region_are_ignored() {
     let folder = folder();
     let path = |name: &str| folder.path().join(name);
     write_y4m(&path("run.y4m"), 40);
@@ -219,7 +220,7 @@ fn what_is_outside_the_region_is_not_looked_at() {
         let replay = ["--device", &recording, "--json", "--no-publish"];
         assert_eq!(printed(folder.path(), &replay), lines);
     }
-    // Unless another one is named.
+    // Unless another region is given.
     write_region(&path("region.png"), HEIGHT);
     let all = printed(folder.path(), &whole);
     let replay = ["--device", "27.mcap", "--json", "--no-publish"];

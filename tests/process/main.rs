@@ -1,7 +1,8 @@
-//! The built program as its users meet it: what it prints, records and publishes, how it stops, and what it says to mistakes.
+//! The built program as users see it: what it prints, records and publishes, how it stops, and how
+//! it reports mistakes.
 //!
-//! Each test works in a folder of its own and, where it publishes, on a service of its own. The demo keeps its own pace of 30
-//! frames a second, so the tests take few frames from it.
+//! Each test uses its own folder and, if it publishes, its own service. The demo runs at its own
+//! rate of 30 frames per second, so the tests take only a few frames from it.
 
 mod arguments;
 mod config;

@@ -1,4 +1,4 @@
-//! `overcam markers`: the table, the sheets, and what is refused.
+//! `overcam markers`: the table, the sheets, and refusals.
 
 use std::fs;
 
@@ -57,7 +57,8 @@ fn sheets_are_written_page_by_page() {
 #[test]
 fn a_marker_is_learned_from_a_view_of_it() {
     let folder = folder();
-    // An arrowhead on a white plate on a grey floor, from above; every pixel sees a disc of two pixels.
+    // An arrowhead on a white plate on a grey floor, from above. Every pixel sees a disc of two
+    // pixels.
     let picture = image::GrayImage::from_fn(160, 120, |x, y| {
         let level = |dx: i32, dy: i32| {
             let [x, y] = [4 * x as i32 + dx - 320, 4 * y as i32 + dy - 240];
@@ -87,7 +88,7 @@ fn a_marker_is_learned_from_a_view_of_it() {
     fs::create_dir(&markers).expect("a new folder");
     fs::rename(folder.path().join("head.svg"), markers.join("head.svg")).expect("it was written");
 
-    // The floor without the plate, and then the plate: it is read, and points up.
+    // First the floor without the plate, then with it: the marker is read, and points up.
     let floor = image::GrayImage::from_pixel(160, 120, image::Luma([100]));
     floor.save(view.join("0.png")).expect("it can be written");
     let run_it = [
@@ -155,7 +156,7 @@ fn sizes(folder: &std::path::Path, plate_mm: Option<f64>) -> Vec<f64> {
 }
 
 #[test]
-fn what_is_not_as_large_as_the_printed_plates_is_no_marker() {
+fn markers_of_the_wrong_size_are_ignored() {
     let folder = folder();
     write_calibration(&folder.path().join("floor.toml"), STRAIGHT);
     // The demo's plates are 0.24 to 0.48 m wide.
@@ -164,7 +165,7 @@ fn what_is_not_as_large_as_the_printed_plates_is_no_marker() {
     assert_eq!(sizes(folder.path(), Some(290.0)).len(), 4, "{all:?}");
     assert!(sizes(folder.path(), Some(150.0)).is_empty());
 
-    // Plates of which none can be read: said at once.
+    // Plates too small to be read are reported at once.
     let arguments = ["--frames", "1", "--no-publish", "--calibration"];
     let millimetres: Vec<_> = STRAIGHT
         .iter()
@@ -187,7 +188,7 @@ fn what_is_not_as_large_as_the_printed_plates_is_no_marker() {
         );
         assert_eq!(ended.errors.len(), 1);
     }
-    // Without --plate the floor itself is doubted, and the run goes on.
+    // Without --plate the floor itself is questioned, and the run continues.
     let ended = run(folder.path(), &[&arguments[..], &["mm.toml"]].concat());
     assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
     assert!(

@@ -10,11 +10,11 @@ use serde_json::Value;
 
 use crate::fixture::{PLAIN, Running, folder, overcam, parse, printed, run, unique, write_y4m};
 
-/// Small frames of the demo: what is in them does not matter here.
+/// Small frames of the demo, whose contents do not matter here.
 const SMALL: [&str; 5] = ["--size", "160x120", "--no-publish", "--markers", "one"];
 
 #[test]
-fn the_demo_prints_a_line_a_frame_and_says_where_to_subscribe() {
+fn the_demo_prints_a_line_per_frame_and_says_where_to_subscribe() {
     let folder = folder();
     let service = unique("lines");
     let ended = run(
@@ -40,7 +40,7 @@ fn the_demo_prints_a_line_a_frame_and_says_where_to_subscribe() {
     }
 }
 
-/// What every object has, what only a marked one has, and what has which shape.
+/// Fields that every object has, fields of marked objects, and their shapes.
 fn assert_object(object: &Value) {
     assert!(object["track"].is_u64(), "{object}");
     assert!(object["observed"].is_boolean(), "{object}");
@@ -51,7 +51,7 @@ fn assert_object(object: &Value) {
     assert!(is_marker || object["kind"] == "obstacle", "{object}");
     assert_eq!(object["marker"].is_string(), is_marker, "{object}");
     assert_eq!(object["heading"].is_f64(), is_marker, "{object}");
-    // Of x, y and heading, where there is one.
+    // Of x, y and heading, if there is one.
     assert_matrix(&object["covariance"], if is_marker { 3 } else { 2 });
     let outline = object["outline"].as_array().expect("an outline");
     assert!(outline.len() >= 3, "{object}");
@@ -93,7 +93,7 @@ fn nothing_is_printed_or_published_unless_asked_for() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_ends_the_run_well() {
+fn a_reader_that_disconnects_ends_the_run_successfully() {
     let folder = folder();
     let arguments = [&SMALL[..], &["--frames", "200", "--json"]].concat();
     let mut child = overcam(folder.path(), &arguments)
@@ -109,13 +109,13 @@ fn a_reader_that_has_seen_enough_ends_the_run_well() {
     let output = child.wait_with_output().expect("it ends");
     let errors = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{errors}");
-    // It does not go on to the end for nobody.
+    // It does not continue to the end without a reader.
     let last = errors.lines().last().unwrap_or_default();
     assert!(!last.contains("200 frames"), "{errors}");
 }
 
 #[test]
-fn a_list_whose_reader_has_gone_is_no_error() {
+fn a_list_whose_reader_disconnects_is_no_error() {
     let folder = folder();
     for arguments in [&["devices"][..], &["markers", "check"]] {
         let (reader, writer) = std::io::pipe().expect("a pipe");
@@ -182,7 +182,7 @@ fn a_slow_reader_loses_nothing_from_a_file() {
     .concat();
     let expected = printed(folder.path(), &arguments);
     assert_eq!(expected.len(), 105);
-    // More than a pipe holds, so that the program has to wait.
+    // More than a pipe holds, so the program has to wait.
     assert!(expected.iter().map(String::len).sum::<usize>() > 2 * 65_536);
 
     let mut child = overcam(folder.path(), &arguments)

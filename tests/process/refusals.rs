@@ -1,4 +1,4 @@
-//! Mistakes and damaged files: the exit status, and one line that names the thing.
+//! Mistakes and damaged files: the exit status, and one line that names the problem.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::fixture::{
     write_markers, y4m,
 };
 
-/// A run that does not start: status 1, nothing printed, and one line that contains all of `parts`.
+/// A run that does not start: status 1, no output, and one line that contains all of `parts`.
 pub(crate) fn assert_refused(folder: &Path, arguments: &[&str], parts: &[&str]) {
     let ended = run(folder, arguments);
     assert_eq!(ended.status, Some(1), "{arguments:?}: {:?}", ended.errors);
@@ -27,7 +27,7 @@ pub(crate) fn assert_refused(folder: &Path, arguments: &[&str], parts: &[&str]) 
 fn assert_error_line(line: &str, parts: &[&str]) {
     assert!(line.starts_with("overcam: "), "{line}");
     for part in parts {
-        // Once: a cause is not told again behind itself.
+        // Only once: a cause is not repeated.
         assert_eq!(line.matches(part).count(), 1, "{part:?} in {line:?}");
     }
 }
@@ -265,13 +265,14 @@ fn what_cannot_be_recovered_is_refused() {
     }
 }
 
-/// A source that ends with damage: what came before is processed, then one line names it.
+/// A source that ends with damage: everything before it is processed, then one line names it.
 fn assert_breaks_off(ended: &Ended, n_lines: usize, parts: &[&str]) {
     assert_eq!(ended.status, Some(1), "{:?}", ended.errors);
     assert_eq!(ended.lines.len(), n_lines, "{:?}", ended.errors);
     let (last, before) = ended.errors.split_last().expect("there is an error");
     assert_error_line(last, parts);
-    // All others are what every run says: the source, the markers, how the floor is learned, and the books.
+    // All other lines are those of every run: the source, the markers, how the floor is learned,
+    // and the summary.
     for line in before {
         let usual = [
             ", 160 x 120, ",
@@ -285,7 +286,7 @@ fn assert_breaks_off(ended: &Ended, n_lines: usize, parts: &[&str]) {
 }
 
 #[test]
-fn a_stream_that_was_cut_is_processed_up_to_the_cut() {
+fn a_truncated_stream_is_processed_up_to_the_cut() {
     let folder = folder();
     let mut stream = y4m(21);
     stream.truncate(stream.len() - 100);
@@ -300,7 +301,7 @@ fn a_stream_that_was_cut_is_processed_up_to_the_cut() {
 }
 
 #[test]
-fn a_recording_that_was_cut_is_processed_up_to_the_cut() {
+fn a_truncated_recording_is_processed_up_to_the_cut() {
     let folder = folder();
     let path = |name: &str| folder.path().join(name);
     write(&path("run.y4m"), y4m(60));
@@ -325,7 +326,7 @@ fn a_recording_that_was_cut_is_processed_up_to_the_cut() {
 }
 
 #[test]
-fn a_damaged_picture_of_a_folder_is_passed_over() {
+fn a_damaged_picture_in_a_folder_is_skipped() {
     let folder = folder();
     let path = |name: &str| folder.path().join(name);
     let pngs: Vec<Vec<u8>> = (0..4).map(|n| write_png(&picture(n))).collect();
@@ -342,7 +343,7 @@ fn a_damaged_picture_of_a_folder_is_passed_over() {
         assert_passed_over(&ended, &format!("{kind}/2.{kind}: "));
     }
 
-    // A whole JPEG file of a kind that is not read, arithmetic coding, which only decoding shows.
+    // An intact JPEG file of an unsupported kind, arithmetic coding, which only decoding shows.
     let mut arithmetic = jpeg(2);
     let frame_header = arithmetic.windows(2).position(|two| two == [0xff, 0xc0]);
     arithmetic[frame_header.expect("there is a frame header") + 1] = 0xc9;
@@ -352,7 +353,8 @@ fn a_damaged_picture_of_a_folder_is_passed_over() {
     assert_passed_over(&ended, "frame 2 is passed over: ");
 }
 
-/// Of four pictures, the first of which is learned from, the third gave no result, and that was told.
+/// Of four pictures, the first of which is used for learning, the third gave no result, and this
+/// was reported.
 fn assert_passed_over(ended: &Ended, reason: &str) {
     assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
     let sequences: Vec<u64> = ended.lines.iter().map(|line| sequence_of(line)).collect();
@@ -369,7 +371,7 @@ const SMALL: Size = Size {
     height: 32,
 };
 
-/// A picture full of edges, a little different with each number.
+/// A picture full of edges, slightly different for each number.
 fn picture(n: u8) -> Picture {
     let plane: Vec<u8> = (0..SMALL.area())
         .map(|i| (i * i % 251) as u8 / 4 + 100 + n)

@@ -1,4 +1,4 @@
-//! A recording replays to the same results, with nothing but the recording.
+//! A recording replays to the same results without any other file.
 
 use std::fs;
 use std::path::Path;
@@ -13,8 +13,8 @@ use crate::fixture::{
     write_markers, write_y4m,
 };
 
-/// Records with these arguments, replays the recording, and replays the recording of that. What the three print is the same;
-/// it is returned.
+/// Records with these arguments, replays the recording, and replays the recording of the replay.
+/// Returns the lines that all three print.
 fn record_and_replay(folder: &Path, arguments: &[&str]) -> Vec<String> {
     let live = [
         arguments,
@@ -93,7 +93,8 @@ fn a_calibration_is_part_of_the_recording() {
     );
     let scene = parse(&lines[7]);
     assert_eq!(scene["frame"], "floor");
-    // The parked triangle: 585, 420 px with 100 px a metre, y up from the lower edge; turned by 0.7 in the picture.
+    // The parked triangle: 585, 420 px at 100 px per metre, y up from the lower edge; rotated by
+    // 0.7 in the picture.
     let objects = scene["objects"].as_array().expect("objects are a list");
     let parked = objects
         .iter()
@@ -122,7 +123,7 @@ fn markers_and_settings_are_part_of_the_recording() {
         .filter_map(|object| object["marker"].as_str())
         .collect();
     assert!(names.len() == 2 && names.contains(&"arrow") && names.contains(&"cup"));
-    // Of the demo's eleven objects one covers 707 square pixels.
+    // Of the demo's eleven objects, one covers 707 square pixels.
     assert!(objects.len() < 11, "{} objects", objects.len());
 }
 
@@ -172,7 +173,7 @@ fn a_picture_of_the_floor_is_part_of_the_recording() {
     }
 }
 
-/// The two obstacles of the stream, where they are drawn: 3 pixels farther with each frame.
+/// The two obstacles of the stream at the drawn positions: 3 pixels farther in each frame.
 fn assert_rectangles(line: &str) {
     let scene = parse(line);
     let objects = scene["objects"].as_array().expect("objects are a list");
@@ -183,7 +184,7 @@ fn assert_rectangles(line: &str) {
         (WIDTH as f64 - 20.0 - shifted + 8.5, 86.5),
     ] {
         let near = |key: &str, object: &serde_json::Value, at: f64| {
-            // Colours have half the resolution.
+            // Chroma has half the resolution.
             (object[key].as_f64().expect("a number") - at).abs() < 1.5
         };
         let found = objects
@@ -226,7 +227,8 @@ fn a_recording_in_several_files_replays_file_by_file() {
     let numbers =
         |lines: &[String]| -> Vec<u64> { lines.iter().map(|line| sequence_of(line)).collect() };
     assert_eq!(numbers(&files.concat()), numbers(&ended.lines));
-    // Tracks begin anew, hence numbers, velocities, forecasts and what is known of things that touch; robots are where they are.
+    // Tracks start again with new ids, velocities, forecasts and merges. The robots' positions are
+    // the same.
     for (line, live) in files.concat().iter().zip(&ended.lines) {
         let (found, expected) = (robots(line), robots(live));
         assert_eq!(found.len(), 6, "{}", sequence_of(line));
@@ -241,7 +243,7 @@ fn a_recording_in_several_files_replays_file_by_file() {
         }
     }
 
-    // The same input gives the same files, however the threads are scheduled.
+    // The same input gives the same files, regardless of thread scheduling.
     record("again.mcap");
     for number in ["", "-2", "-3"] {
         let file = |name: &str| {
@@ -251,7 +253,7 @@ fn a_recording_in_several_files_replays_file_by_file() {
         assert!(file("run") == file("again"), "{number}");
     }
 
-    // What is there is not overwritten.
+    // Existing files are not overwritten.
     fs::remove_file(folder.path().join("run.mcap")).expect("it can be removed");
     let refused = record("run.mcap");
     assert_eq!(refused.status, Some(1));
@@ -263,7 +265,7 @@ fn a_recording_in_several_files_replays_file_by_file() {
 }
 
 #[test]
-fn limits_of_files_that_are_none_are_wrong_arguments() {
+fn invalid_file_limits_are_wrong_arguments() {
     let folder = folder();
     for flag in ["--record-max", "--record-minutes"] {
         for value in ["0", "-1", "nan", "inf", "1e9", "many", ""] {
@@ -282,7 +284,7 @@ fn limits_of_files_that_are_none_are_wrong_arguments() {
     assert!(!folder.path().join("run.mcap").exists());
 }
 
-/// Names and places of the robots that a line shows.
+/// Names and positions of the robots in a line.
 fn robots(line: &str) -> Vec<(String, f64, f64)> {
     let scene = parse(line);
     let objects = scene["objects"].as_array().expect("a list").iter();

@@ -1,4 +1,4 @@
-//! overcam under systemd: the unit that it prints, and what it tells of itself.
+//! overcam under systemd: the unit that it prints, and its notifications.
 
 use std::fs;
 use std::io::Write;
@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use crate::fixture::{PATIENCE, PLAIN, Running, folder, overcam, printed, run, y4m};
 
-/// What comes until `word` does, that included.
-fn told_until(socket: &UnixDatagram, word: &str) -> Vec<String> {
+/// All words up to and including `word`.
+fn words_until(socket: &UnixDatagram, word: &str) -> Vec<String> {
     socket
         .set_read_timeout(Some(Duration::from_millis(100)))
         .expect("set");
@@ -30,7 +30,7 @@ fn told_until(socket: &UnixDatagram, word: &str) -> Vec<String> {
 }
 
 #[test]
-fn systemd_is_told_that_the_run_lives_also_while_no_frame_comes() {
+fn systemd_gets_heartbeats_even_without_frames() {
     let folder = folder();
     let path = folder.path().join("notify");
     let socket = UnixDatagram::bind(&path).expect("bound");
@@ -45,13 +45,13 @@ fn systemd_is_told_that_the_run_lives_also_while_no_frame_comes() {
     );
     let mut pipe = running.stdin.take().expect("standard input is piped");
     pipe.write_all(&y4m(3)).expect("it is read");
-    let first = told_until(&socket, "READY=1");
+    let first = words_until(&socket, "READY=1");
     assert_eq!(first, ["READY=1"], "nothing before that");
     for _ in 0..5 {
-        told_until(&socket, "WATCHDOG=1");
+        words_until(&socket, "WATCHDOG=1");
     }
     running.signal("TERM");
-    told_until(&socket, "STOPPING=1");
+    words_until(&socket, "STOPPING=1");
     assert_eq!(running.end().status, Some(0));
     drop(pipe);
 }
@@ -115,10 +115,10 @@ fn arguments_that_are_wrong_for_a_run_are_wrong_for_a_service() {
     }
 }
 
-/// Needs `systemd-analyze`: cargo test --test process -- --ignored unit_is_what_systemd
+/// Needs `systemd-analyze`: cargo test --test process -- --ignored systemd_accepts_the_unit
 #[test]
 #[ignore = "needs systemd-analyze"]
-fn the_unit_is_what_systemd_takes() {
+fn systemd_accepts_the_unit() {
     let folder = folder();
     for arguments in [
         &["service"][..],
@@ -133,7 +133,7 @@ fn the_unit_is_what_systemd_takes() {
         ],
     ] {
         let unit = printed(folder.path(), arguments).join("\n") + "\n";
-        // The user that the unit names is made when it is installed.
+        // The user that the unit names is created at installation.
         let unit = unit.replace("User=overcam\n", "User=root\n");
         let file = folder.path().join("overcam-test.service");
         fs::write(&file, unit).expect("written");

@@ -8,7 +8,7 @@ use overcam::cli::Cli;
 
 use crate::fixture::{folder, overcam, printed};
 
-/// All flags of the program and of its commands, as they are written, and the names of the commands.
+/// All flags of the program and its commands, as written, and the names of the commands.
 fn flags_and_commands(command: &clap::Command, found: &mut Vec<String>) {
     for argument in command.get_arguments() {
         found.extend(argument.get_long().map(|long| format!("--{long}")));
@@ -30,7 +30,7 @@ fn everything() -> Vec<String> {
 }
 
 #[test]
-fn the_manual_page_is_whole_and_man_shows_it_without_a_warning() {
+fn the_manual_page_is_complete_and_man_shows_it_without_a_warning() {
     let folder = folder();
     let page = printed(folder.path(), &["man"]).join("\n") + "\n";
     let plain = page
@@ -90,7 +90,7 @@ fn completions_know_every_flag_and_bash_completes_with_them() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = printed(folder.path(), &["completions", shell]).join("\n");
         for name in everything() {
-            // Fish names them without dashes.
+            // Fish lists them without dashes.
             let name = name.trim_start_matches('-');
             assert!(script.contains(name), "{name} is not in that of {shell}");
         }
@@ -125,7 +125,7 @@ fn completions_know_every_flag_and_bash_completes_with_them() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_is_no_error() {
+fn a_reader_that_disconnects_is_no_error() {
     let folder = folder();
     for arguments in [&["man"][..], &["completions", "bash"]] {
         let mut child = overcam(folder.path(), arguments)

@@ -1,4 +1,4 @@
-//! What a path leads to decides what it is opened as, not what it is called.
+//! The contents of a file decide how it is opened, not its name.
 
 use std::fs;
 use std::io::Write;
@@ -93,7 +93,7 @@ fn a_recording_is_read_under_any_name_but_not_from_a_pipe() {
 }
 
 #[test]
-fn a_pipe_to_which_nobody_writes_can_be_given_up() {
+fn a_run_waiting_for_a_pipe_without_writer_can_be_stopped() {
     let folder = folder();
     make_pipe(&folder.path().join("silent"));
     for command in [
@@ -101,7 +101,7 @@ fn a_pipe_to_which_nobody_writes_can_be_given_up() {
         &["background", "--device", "silent", "-o", "floor.png"],
     ] {
         let running = Running::start(&mut overcam(folder.path(), command));
-        // It is not known from outside when it waits.
+        // It is not visible from outside when it starts to wait.
         std::thread::sleep(Duration::from_millis(300));
         let asked = Instant::now();
         running.signal("INT");
@@ -111,7 +111,7 @@ fn a_pipe_to_which_nobody_writes_can_be_given_up() {
 }
 
 #[test]
-fn what_is_no_source_is_told_by_what_it_is() {
+fn what_is_no_source_is_refused_by_its_content() {
     let folder = folder();
     let write = |name: &str, content: &[u8]| {
         fs::write(folder.path().join(name), content).expect("it can be written")
@@ -150,7 +150,7 @@ fn what_is_no_source_is_told_by_what_it_is() {
 }
 
 #[test]
-fn interlaced_frames_are_told_even_where_the_stream_says_nothing() {
+fn interlaced_frames_are_reported_even_if_the_stream_does_not_declare_them() {
     let folder = folder();
     let interlaced = |is: bool| {
         let mut stream = b"YUV4MPEG2 W160 H120 F30:1 Ip Cmono\n".to_vec();

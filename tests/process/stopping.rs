@@ -1,4 +1,4 @@
-//! Runs that are stopped, killed, or run out of room.
+//! Runs that are stopped, killed, or run out of space.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -31,9 +31,9 @@ fn an_interrupted_recording_is_complete() {
     }
 }
 
-/// `nohup` starts a program with the signal ignored, to outlive its terminal.
+/// `nohup` starts a program with the signal ignored, so that it outlives its terminal.
 #[test]
-fn a_hang_up_that_is_to_be_ignored_ends_nothing() {
+fn an_ignored_hangup_does_not_end_the_run() {
     let folder = folder();
     let overcam = env!("CARGO_BIN_EXE_overcam");
     let mut nohup = Command::new("sh");
@@ -55,7 +55,7 @@ fn a_hang_up_that_is_to_be_ignored_ends_nothing() {
 fn a_silent_pipe_does_not_keep_a_run_from_stopping() {
     let folder = folder();
     let stream = y4m(20);
-    // Before the header, within it, and within a frame that never ends.
+    // Before the header, inside it, and inside a frame that never ends.
     for (n_bytes, n_lines) in [(0, 0), (9, 0), (stream.len() - 1000, 4)] {
         let mut running = Running::start(
             overcam(
@@ -71,8 +71,8 @@ fn a_silent_pipe_does_not_keep_a_run_from_stopping() {
             .collect();
         assert_eq!(sequences, (15..15 + n_lines).collect::<Vec<_>>());
         if n_lines == 0 {
-            // Nothing tells when the program begins to wait; a signal that comes before it listens ends it as well, but with
-            // another status. A signal that is caught shows in /proc.
+            // Nothing shows when the program starts to wait. A signal that comes before it listens
+            // ends it too, but with another status. A caught signal is visible in /proc.
             wait_until_it_catches_signals(running.id());
         }
         running.signal("INT");
@@ -103,7 +103,8 @@ fn a_reader_that_stops_reading_does_not_keep_a_run_from_stopping() {
             .stderr(Stdio::piped())
             .spawn()
             .expect("the program starts");
-        // A reader that takes the first line and then nothing more; the pipe is full within a second or two.
+        // A reader that takes the first line and nothing more. The pipe is full within a second or
+        // two.
         let mut reader = BufReader::new(child.stdout.take().expect("standard output is piped"));
         let mut line = String::new();
         reader.read_line(&mut line).expect("a line comes");
@@ -127,7 +128,8 @@ fn a_reader_that_stops_reading_does_not_keep_a_run_from_stopping() {
 }
 
 fn wait_until_it_catches_signals(id: u32) {
-    // The last one that the program registers: SIGINT is caught a moment before anything hears it.
+    // The last signal that the program registers: SIGINT is caught a moment before anything handles
+    // it.
     const SIGUSR1_BIT: u64 = 1 << 9;
     loop {
         let status = fs::read_to_string(format!("/proc/{id}/status")).expect("it is alive");
@@ -152,10 +154,10 @@ fn a_killed_recording_loses_at_most_a_second_and_is_recovered() {
     ));
     let mut lines: Vec<String> = (0..50).map(|_| running.next_line()).collect();
     lines.extend(running.kill());
-    // The last line may have been cut by the kill.
+    // The last line may have been cut off by the kill.
     lines.retain(|line| serde_json::from_str::<serde_json::Value>(line).is_ok());
 
-    // As it is, it plays what it holds and says how to mend it.
+    // As it is, it plays what it contains and says how to repair it.
     let replay = |file| run(folder.path(), &["--device", file, "--json", "--no-publish"]);
     let cut = replay("run.mcap");
     assert_eq!(cut.status, Some(1));
@@ -187,9 +189,9 @@ fn a_killed_recording_loses_at_most_a_second_and_is_recovered() {
 }
 
 #[test]
-fn a_recording_without_room_costs_frames_of_it_and_nothing_else() {
+fn a_recording_without_space_loses_only_its_own_frames() {
     let folder = folder();
-    // Files of at most 3 MB; without the trap the first byte too many would kill.
+    // Files of at most 3 MB. Without the trap the first excess byte would kill the process.
     let command = "trap '' XFSZ; ulimit -f 6144; exec \"$0\" \"$@\"";
     let arguments = [&PLAIN[..], &["--frames", "30", "--json"]].concat();
     let limited = Running::start(
@@ -209,7 +211,7 @@ fn a_recording_without_room_costs_frames_of_it_and_nothing_else() {
     let last = limited.errors.last().map_or("", String::as_str);
     assert!(last.ends_with("lost from it"), "{:?}", limited.errors);
 
-    // What it holds replays to the very results.
+    // Its content replays to the same results.
     let replayed = run(
         folder.path(),
         &["--device", "run.mcap", "--json", "--no-publish"],

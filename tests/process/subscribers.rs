@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::fixture::{Running, folder, overcam, parse, run, sequence_of, unique};
 
 #[test]
-fn a_watcher_prints_the_very_lines_of_the_publisher() {
+fn a_watcher_prints_the_same_lines_as_the_publisher() {
     let folder = folder();
     let service = unique("watch");
     let watch = ["watch", "--service", &service, "--frames", "10"];
@@ -36,7 +36,7 @@ fn a_watcher_prints_the_very_lines_of_the_publisher() {
 }
 
 #[test]
-fn whoever_is_killed_the_other_goes_on() {
+fn publisher_and_subscribers_survive_each_other() {
     let folder = folder();
     let service = unique("killed");
     let watch = ["watch", "--service", &service];
@@ -49,7 +49,7 @@ fn whoever_is_killed_the_other_goes_on() {
     let watcher = Running::start(&mut overcam(folder.path(), &watch));
     assert!(sequence_of(&watcher.next_line()) >= after_kill);
 
-    // No frame was left out meanwhile.
+    // No frame was skipped in the meantime.
     for _ in 0..10 {
         watcher.next_line();
     }
@@ -60,7 +60,7 @@ fn whoever_is_killed_the_other_goes_on() {
         .collect();
     assert!(numbers.is_sorted() && numbers.windows(2).all(|pair| pair[1] == pair[0] + 1));
 
-    // Its successor begins with frame 0, and the watcher sees it.
+    // Its successor starts with frame 0, and the watcher sees it.
     let successor = Running::start(&mut overcam(folder.path(), &locate));
     watcher.hear("new publisher");
     while sequence_of(&watcher.next_line()) > 5 {}
@@ -71,7 +71,7 @@ fn whoever_is_killed_the_other_goes_on() {
     }
 }
 
-/// The number of the line's scene; `None` for a line that was cut by a kill.
+/// The sequence number of a line. `None` for a line cut off by a kill.
 fn number(line: &str) -> Option<u64> {
     let scene: Value = serde_json::from_str(line).ok()?;
     scene["sequence"].as_u64()
@@ -96,7 +96,7 @@ fn a_second_program_on_a_service_is_refused_and_leaves_nothing() {
     );
     assert_eq!(second.errors, [expected]);
     assert!(!folder.path().join("second.mcap").exists());
-    // The first one goes on, without a gap.
+    // The first one continues without a gap.
     let mut numbers: Vec<u64> = (0..40).map(|_| sequence_of(&first.next_line())).collect();
     first.signal("INT");
     let ended = first.end();
@@ -144,7 +144,7 @@ fn planners_read_the_poses_of_the_json_lines() {
     }
 }
 
-/// A planner's line says what the JSON line of its scene says; returns the number of the scene.
+/// Checks that a planner's line matches the JSON line of its scene. Returns the index of the scene.
 fn assert_pose(line: &str, published: &[String]) -> usize {
     let words: Vec<&str> = line.split(' ').collect();
     let (&[sequence, name], numbers) = words.split_first_chunk().expect("a number and a name");
@@ -168,7 +168,7 @@ fn assert_pose(line: &str, published: &[String]) -> usize {
     sequence
 }
 
-/// The example's program; a test run of this file alone does not build it.
+/// The example's binary. A test run of this file alone does not build it.
 fn example(name: &str) -> PathBuf {
     let program = Path::new(env!("CARGO_BIN_EXE_overcam"));
     let profile = program.parent().expect("target/PROFILE/overcam");

@@ -1,4 +1,4 @@
-//! What a terminal shows: in a pseudo-terminal, which `script` of util-linux makes.
+//! Output on a terminal: in a pseudo-terminal made by `script` of util-linux.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -10,7 +10,8 @@ const ESCAPE: char = '\u{1b}';
 /// A demo of small frames, nearly three seconds long.
 const DEMO: &str = "--size 160x120 --no-publish --markers one --frames 80";
 
-/// Runs the program in a terminal of so many columns and returns all that it wrote to it; `None` where there is no `script`.
+/// Runs the program in a terminal with this many columns and returns everything written to it.
+/// `None` if there is no `script`.
 fn in_terminal(folder: &Path, columns: u32, environment: &str, arguments: &str) -> Option<String> {
     if Command::new("script").arg("--version").output().is_err() {
         eprintln!("not tested: there is no `script`");
@@ -74,7 +75,7 @@ fn a_plain_terminal_gets_no_escape_sequences() {
 }
 
 #[test]
-fn learning_shows_how_far_it_is() {
+fn learning_shows_its_progress() {
     let folder = folder();
     write_y4m(&folder.path().join("run.y4m"), 40);
     let learned = [
@@ -100,14 +101,14 @@ fn learning_shows_how_far_it_is() {
 }
 
 #[test]
-fn the_line_is_drawn_anew_after_ctrl_z() {
+fn the_line_is_redrawn_after_ctrl_z() {
     let folder = folder();
     let stop_and_go = "& sleep 2; kill -STOP $!; kill -CONT $!; wait";
     let arguments = format!("{DEMO} {stop_and_go}");
     let Some(written) = in_terminal(folder.path(), 80, "", &arguments) else {
         return;
     };
-    // No two lines that are due have the same frame.
+    // Lines that are due never repeat a frame.
     let lines = drawn(&written);
     assert!(lines.windows(2).any(|pair| pair[0] == pair[1]), "{written}");
 }
@@ -125,7 +126,7 @@ fn watching_on_a_terminal_shows_a_table_and_elsewhere_lines() {
     let header = format!("{service}/scene: frame ");
     assert!(written.matches(&header).count() >= 2, "{written}");
     assert!(written.contains("6 marked, 5 obstacles"), "{written}");
-    // Robots with their directions and obstacles without, none of them twice.
+    // Robots with their directions and obstacles without, each only once.
     let last = written.rsplit(&header).next().unwrap_or_default();
     let rows: Vec<&str> = last
         .lines()
@@ -137,7 +138,7 @@ fn watching_on_a_terminal_shows_a_table_and_elsewhere_lines() {
     assert!(written.trim_end_matches("\r\n").ends_with("\u{1b}[?25h"));
     assert!(!written.contains("watch:"), "{written}");
 
-    // Lines for a terminal that cannot draw, and where lines are asked for.
+    // Plain lines for a terminal that cannot draw, and if lines are requested.
     for (environment, flag) in [("TERM=dumb", ""), ("", "--json")] {
         let arguments = format!("{watch} {flag}");
         let written = in_terminal(folder.path(), 80, environment, &arguments).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What survives a crash, a cut and damage.
+//! What survives a crash, truncation and damage.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -17,7 +17,7 @@ use crate::fixture::{
 };
 
 #[test]
-fn the_file_lacks_less_than_the_flush_interval_at_any_moment() {
+fn the_file_never_lags_by_more_than_the_flush_interval() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let copy = folder.path().join("copy.mcap");
@@ -40,7 +40,7 @@ fn the_file_lacks_less_than_the_flush_interval_at_any_moment() {
     }
 }
 
-/// File to write, for [`records_until_it_is_killed`].
+/// The file to write, for [`records_until_it_is_killed`].
 const KILLED_FILE: &str = "OVERCAM_TEST_KILLED_FILE";
 
 #[test]
@@ -102,7 +102,7 @@ fn a_cut_recording_plays_up_to_the_cut_and_can_be_completed() {
     let cut = folder.path().join("cut.mcap");
     let recovered = folder.path().join("recovered.mcap");
     let mut most_frames = 0;
-    // Every length near both ends, where the records are small, and every 499th between.
+    // Every length near both ends, where the records are small, and every 499th in between.
     let lengths = (0..content.len()).filter(|&length| {
         length < 200 || content.len() - length < 200 || length.is_multiple_of(499)
     });
@@ -165,7 +165,8 @@ fn a_recovered_recording_keeps_everything_around_a_damaged_chunk() {
     let (frames, error) = play(&recovered);
     assert!(error.is_none(), "{error:?}");
     assert_eq!(report.images, frames.len() as u64);
-    // Only the frame on which the colour range changes brings new definitions, and it is not in this chunk.
+    // Only the frame on which the colour range changes brings new definitions, and it is not in
+    // this chunk.
     let n_lost = recorded.len() - frames.len();
     assert!(n_lost > 0);
     assert!(frames[..n_before] == recorded[..n_before]);
@@ -177,7 +178,7 @@ fn a_recovered_recording_keeps_everything_around_a_damaged_chunk() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Damage is an error or goes unseen where it does not matter; a wrong pixel never comes out.
+    /// Damage is an error, or has no effect; it never results in a wrong pixel.
     #[test]
     fn damage_never_changes_a_pixel(damage in prop::collection::vec((any::<prop::sample::Index>(), 1_u8..), 1..4)) {
         let folder = folder();

@@ -1,4 +1,4 @@
-//! What the tests record, and what they get back.
+//! What the tests record, and what they read back.
 
 use std::fs;
 use std::path::Path;
@@ -76,7 +76,7 @@ pub(crate) fn floor(seed: u64, size: Size) -> BackgroundModel {
     }
 }
 
-/// A robot and an obstacle in metres.
+/// A robot and an obstacle, in metres.
 pub(crate) fn scene(sequence: u64, stamp_ns: u64) -> Box<Scene> {
     let mut robot = Object {
         track: 3,
@@ -113,7 +113,7 @@ pub(crate) fn scene(sequence: u64, stamp_ns: u64) -> Box<Scene> {
 }
 
 pub(crate) fn slot(format: PixelFormat, size: Size, sequence: u64, stamp_ns: u64) -> Slot {
-    // Nothing looks into a JPEG picture on its way into the file and out of it.
+    // Writing and reading never decode a JPEG picture.
     let n_bytes = format.frame_bytes(size).unwrap_or(777);
     Slot {
         frame: Frame {
@@ -131,14 +131,14 @@ pub(crate) fn slot(format: PixelFormat, size: Size, sequence: u64, stamp_ns: u64
     }
 }
 
-/// Frames at 30/s from `first_ns` on.
+/// Frames at 30 per second from `first_ns` on.
 pub(crate) fn slots(format: PixelFormat, n: u64, first_ns: u64) -> Vec<Slot> {
     (0..n)
         .map(|i| slot(format, SIZE, i, first_ns + i * PERIOD_NS))
         .collect()
 }
 
-/// A run with everything that can happen: gaps, frames passed over, another background, another colour range.
+/// A run with every kind of event: gaps, skipped frames, another background, another colour range.
 pub(crate) fn eventful_slots(format: PixelFormat, first_ns: u64) -> Vec<Slot> {
     let mut slots = slots(format, 40, first_ns);
     slots[0].background = Some(floor(100, SIZE));
@@ -163,7 +163,7 @@ pub(crate) fn record(path: &Path, info: &SourceInfo, slots: &[Slot]) -> Summary 
     recorder.finish().expect("the recording can be finished")
 }
 
-/// All of a slot that a recording restores.
+/// Everything in a slot that a recording restores.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Played {
     pub(crate) sequence: u64,

@@ -1,4 +1,4 @@
-//! A disk that is full while frames come, at the end, and from the start.
+//! A disk that is full during the run, at the end, and from the start.
 
 use std::fs;
 use std::io::Write;
@@ -14,7 +14,7 @@ use crate::fixture::{
     Played, SIZE, assert_one_line, folder, info, play, played, provenance, slots,
 };
 
-/// Folder on a small disk, for [`on_a_small_disk`].
+/// A folder on a small disk, for [`on_a_small_disk`].
 const SMALL_DISK: &str = "OVERCAM_TEST_SMALL_DISK";
 
 #[test]
@@ -61,7 +61,7 @@ fn on_a_small_disk() {
         )
     };
 
-    // Full while frames come.
+    // Full during the run.
     let mut recorder = create("a.mcap").expect("there is room for the start");
     let slots = slots(PixelFormat::Grey, 2_000, 0);
     let error = slots
@@ -111,7 +111,7 @@ fn on_a_small_disk() {
     );
     assert_holds("b.mcap", 1);
 
-    // Full from the start: nothing is left behind.
+    // Full from the start: no file is left.
     let error = create("c.mcap").map(drop).expect_err("there is no room");
     assert!(
         matches!(error, RecordError::DiskFull { frames: 0, .. }),

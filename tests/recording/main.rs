@@ -1,4 +1,4 @@
-//! Recordings as files: what a replay gets back, what survives a crash, a cut, damage and a full disk, and what others read.
+//! Recordings as files: replaying, crashes, truncation, damage, a full disk, and other readers.
 
 mod damage;
 mod fixture;

@@ -1,4 +1,4 @@
-//! Files of other programs, and our files in other programs.
+//! Files from other programs, and our files in other programs.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -17,7 +17,7 @@ use crate::fixture::{
     Played, SIZE, assert_one_line, eventful_slots, folder, info, play, record, scene,
 };
 
-/// An MCAP file of another program: messages of two topics, taken in turns.
+/// An MCAP file from another program: messages on two topics in turn.
 fn foreign(path: &Path, topics: [&str; 2], finish: bool) {
     fn channel<T: Encode>(mcap: &mut mcap::Writer<fs::File>, topic: &str) -> u16 {
         let schema = T::get_schema().expect("a Foxglove message has a schema");
@@ -61,7 +61,7 @@ fn foreign(path: &Path, topics: [&str; 2], finish: bool) {
     if finish {
         mcap.finish().expect("the file can be finished");
     } else {
-        // Without this the writer would complete the file when it is dropped.
+        // Otherwise the writer would complete the file on drop.
         let _ = mcap.into_inner();
     }
 }
@@ -101,7 +101,7 @@ fn other_files_of_other_programs_are_refused_with_their_topics() {
 }
 
 #[test]
-fn no_summary_is_needed_and_none_is_believed() {
+fn a_summary_is_neither_needed_nor_trusted() {
     let folder = folder();
     let path = |name: &str| folder.path().join(name);
     foreign(&path("open.mcap"), ["/log", "/front/image"], false);
@@ -119,7 +119,8 @@ fn no_summary_is_needed_and_none_is_believed() {
     // The summary of another file, which has other topics.
     let summary = |name: &str| {
         let content = fs::read(path(name)).expect("it can be read");
-        // A footer of 20 bytes, with 9 before it, and the magic bytes; it begins with the summary's place.
+        // A footer of 20 bytes, preceded by 9 bytes, and the magic bytes. It starts with the offset
+        // of the summary.
         let footer = content.len() - 8 - 20;
         let place = content[footer..footer + 8].try_into().expect("eight bytes");
         (u64::from_le_bytes(place) as usize, content)
@@ -137,7 +138,7 @@ fn no_summary_is_needed_and_none_is_believed() {
 }
 
 #[test]
-fn a_reader_that_is_not_ours_decodes_every_message() {
+fn a_foreign_reader_decodes_every_message() {
     let has_reader = Command::new("python3")
         .args(["-c", "import mcap, mcap_protobuf"])
         .output()

@@ -1,4 +1,4 @@
-//! What cannot be replayed, recovered or recorded is refused in one line that names it.
+//! Files that cannot be replayed, recovered or recorded are refused in one line that names them.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What is recorded comes back.
+//! Recorded data can be read back.
 
 use std::fs;
 
@@ -13,7 +13,7 @@ use crate::fixture::{
 };
 
 #[test]
-fn every_stored_format_comes_back_as_it_was() {
+fn every_stored_format_is_restored_exactly() {
     let folder = folder();
     for format in [
         PixelFormat::Grey,
@@ -23,7 +23,7 @@ fn every_stored_format_comes_back_as_it_was() {
         PixelFormat::Nv12,
         PixelFormat::Jpeg,
     ] {
-        // A camera's stamps count from its start, and go to the wall clock and back.
+        // A camera's stamps count from its start, and are converted to the wall clock and back.
         for (live, first_ns) in [(false, 0), (true, 86_400_123_456_789)] {
             let path = folder.path().join(format!("{format:?}-{live}.mcap"));
             let slots = eventful_slots(format, first_ns);
@@ -46,7 +46,7 @@ fn every_stored_format_comes_back_as_it_was() {
 }
 
 #[test]
-fn planar_formats_come_back_as_the_colours_that_the_pipeline_sees() {
+fn planar_formats_are_restored_as_the_colours_that_the_pipeline_sees() {
     let folder = folder();
     for format in [PixelFormat::I420, PixelFormat::I422, PixelFormat::I444] {
         let path = folder.path().join(format!("{format:?}.mcap"));
@@ -68,7 +68,7 @@ fn planar_formats_come_back_as_the_colours_that_the_pipeline_sees() {
 }
 
 #[test]
-fn a_recording_says_how_it_was_made() {
+fn a_recording_contains_its_settings() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     record(

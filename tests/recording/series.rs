@@ -25,7 +25,8 @@ fn series(path: &Path, live: bool, limits: Limits) -> Result<Series, RecordError
     Series::create(path, &info, &provenance(), ImageMode::Lossless, limits)
 }
 
-/// Records slots; each of them brings the floor that is in use, with its number as a seed, once the recorder wants it.
+/// Records slots. Each brings the current floor, with its number as the seed, when the recorder
+/// asks for it.
 fn record(path: &Path, live: bool, limits: Limits, slots: &mut [Slot]) -> (Vec<NextFile>, Summary) {
     let mut series = series(path, live, limits).expect("it can be created");
     let mut next_files = Vec::new();
@@ -38,7 +39,7 @@ fn record(path: &Path, live: bool, limits: Limits, slots: &mut [Slot]) -> (Vec<N
     (next_files, series.finish().expect("it can be finished"))
 }
 
-/// The slots' frames one after the other, as the files hold them.
+/// The slots' frames in the order of the files.
 fn play_all(paths: &[std::path::PathBuf]) -> Vec<Vec<Played>> {
     let play_whole = |path: &std::path::PathBuf| {
         let (frames, error) = play(path);
@@ -82,7 +83,7 @@ fn every_frame_is_in_one_file_and_every_file_begins_with_the_floor() {
 }
 
 #[test]
-fn a_file_never_grows_larger_than_it_may() {
+fn a_file_never_exceeds_its_maximum_size() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let mut slots = slots(PixelFormat::Yuyv, 900, 0);
@@ -99,10 +100,10 @@ fn a_file_never_grows_larger_than_it_may() {
     );
     for next in &next_files {
         assert!(next.summary.bytes <= max);
-        // What is kept free is for the frames on their way and their results, and not most of the file.
+        // The reserved space is for frames in flight and their results, not for most of the file.
         assert!(next.summary.frames > 1, "{next:?}");
     }
-    // A limit that not even one frame keeps.
+    // A limit too small for a single frame.
     let path = folder.path().join("tiny.mcap");
     let limits = Limits {
         bytes: Some(1),
@@ -114,10 +115,10 @@ fn a_file_never_grows_larger_than_it_may() {
 }
 
 #[test]
-fn gaps_and_new_floors_at_a_border_are_told_once() {
+fn gaps_and_new_floors_at_a_border_are_reported_once() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
-    // Frame 20 has a floor of its own and is passed over, 5 frames are missing before frame 35.
+    // Frame 20 has its own floor and is skipped; 5 frames are missing before frame 35.
     let mut slots = eventful_slots(PixelFormat::Yuyv, 0);
     let (next_files, summary) = record(&path, false, MINUTES, &mut slots);
     assert_eq!(
@@ -136,7 +137,7 @@ fn gaps_and_new_floors_at_a_border_are_told_once() {
 }
 
 #[test]
-fn without_a_floor_from_the_run_the_last_known_has_to_do() {
+fn without_a_floor_of_the_run_the_last_known_one_is_used() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let mut slots = slots(PixelFormat::Yuyv, 100, 0);
@@ -158,7 +159,7 @@ fn no_file_is_overwritten() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let beside = |name: &str| folder.path().join(name);
-    // Files of an older series, and others that only look a little like it.
+    // Files of an older series, and others with similar names.
     for name in [
         "run-02.mcap",
         "run-1.mcap",
@@ -190,7 +191,7 @@ fn no_file_is_overwritten() {
 }
 
 #[test]
-fn a_next_file_that_cannot_be_created_ends_the_recording_and_what_was_written_stays() {
+fn a_next_file_that_cannot_be_created_ends_the_recording_but_keeps_the_written_files() {
     let folder = folder();
     let place = folder.path().join("place");
     fs::create_dir(&place).expect("the folder can be made");

@@ -1,7 +1,7 @@
 //! Publication through shared memory, with real processes that come, go, stop and are killed.
 //!
-//! Subscribers and rival publishers are this very test program, started again for the one test [`child`] with a role in its
-//! environment. Each test has a service name of its own.
+//! Subscribers and rival publishers are this test program itself, started again for the single test
+//! [`child`] with a role in its environment. Each test has its own service name.
 
 mod removal;
 
@@ -26,7 +26,7 @@ use scene::{
 
 const ROLE: &str = "OVERCAM_TEST_ROLE";
 const SERVICE: &str = "OVERCAM_TEST_SERVICE";
-/// After this a process that should have done something counts as hung.
+/// A process that takes longer to do something counts as hung.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 #[test]
@@ -36,7 +36,7 @@ fn child() {
         return;
     };
     static STOP: AtomicBool = AtomicBool::new(false);
-    // The parent closes standard input when it wants a clean end, and so does its death.
+    // The parent closes standard input for a clean end. Its death has the same effect.
     thread::spawn(|| {
         let _ = std::io::stdin().read_to_end(&mut Vec::new());
         STOP.store(true, Ordering::Relaxed);
@@ -66,7 +66,7 @@ fn publish_until(service: &str, stop: &AtomicBool) -> Result<(), PublishError> {
     Ok(())
 }
 
-/// A child process whose lines arrive one by one; it is killed when it goes out of scope.
+/// A child process whose lines arrive one by one. It is killed when dropped.
 struct Process {
     child: Child,
     stdin: Option<ChildStdin>,
@@ -103,14 +103,14 @@ impl Process {
         )
     }
 
-    /// The next line that begins like a JSON object, if one comes within `patience`.
+    /// The next line that starts like a JSON object, if one arrives within `patience`.
     fn poll_line(&self, patience: Duration) -> Option<String> {
         let deadline = Instant::now() + patience;
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             match self.lines.recv_timeout(left) {
                 Ok(line) if line.starts_with('{') => return Some(line),
-                Ok(_) => {} // the test harness's own words
+                Ok(_) => {} // the test harness's own output
                 Err(_) => return None,
             }
         }
@@ -122,7 +122,7 @@ impl Process {
         line.expect("the child says something on standard error")
     }
 
-    /// The number of the next scene, sending scenes until there is one.
+    /// The number of the next scene; sends scenes until one arrives.
     fn next_sequence(&self, publisher: &mut Publisher, scene: &mut Scene) -> u64 {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
@@ -141,19 +141,19 @@ impl Process {
         assert!(status.expect("sh runs").success());
     }
 
-    /// Kills it as `kill -9` does: nothing it opened is given back.
+    /// Kills it like `kill -9`: nothing it opened is released.
     fn kill(mut self) {
         self.child.kill().expect("the child can be killed");
         self.child.wait().expect("the child can be waited for");
     }
 
-    /// Ends it cleanly; its exit status and what it said on standard error.
+    /// Ends it cleanly. Returns its exit status and standard error.
     fn end(mut self) -> (Option<i32>, Vec<String>) {
         drop(self.stdin.take());
         self.exit()
     }
 
-    /// Waits until it ends by itself; its exit status and what it said on standard error.
+    /// Waits until it ends by itself. Returns its exit status and standard error.
     fn exit(&mut self) -> (Option<i32>, Vec<String>) {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
@@ -190,7 +190,7 @@ fn sequence_of(line: &str) -> u64 {
     scene["sequence"].as_u64().expect("a scene has a number")
 }
 
-/// A name that no other test and no other run uses.
+/// A name that no other test or run uses.
 fn unique(name: &str) -> String {
     format!("overcam-test-{}-{name}", std::process::id())
 }
@@ -269,7 +269,7 @@ fn a_late_joiner_gets_the_last_scene_while_frames_pause() {
         "watch prints what --json prints"
     );
 
-    // Once is enough: it is not handed out again.
+    // Only once: it is not sent again.
     publisher.serve_late_joiners().expect("served");
     assert_eq!(watcher.poll_line(Duration::from_millis(300)), None);
     assert_eq!(watcher.end().0, Some(0));
@@ -278,7 +278,7 @@ fn a_late_joiner_gets_the_last_scene_while_frames_pause() {
 }
 
 #[test]
-fn a_subscriber_that_stands_still_slows_nobody_and_then_gets_the_newest() {
+fn a_stopped_subscriber_slows_nobody_and_then_gets_the_newest() {
     let service = unique("slow");
     let mut publisher = Publisher::open(&service).expect("the service is free");
     let mut scene = Scene::EMPTY;
@@ -299,7 +299,7 @@ fn a_subscriber_that_stands_still_slows_nobody_and_then_gets_the_newest() {
         let line = slow.poll_line(PATIENCE).expect("the newest scene comes");
         received.push(sequence_of(&line));
     }
-    // It may have read on for a moment: the signal does not stop it at once.
+    // It may have continued to read for a moment, since the signal does not stop it at once.
     received.retain(|&sequence| sequence > newest - 250);
     assert!(
         received.len() <= SUBSCRIBER_BUFFER,
@@ -313,14 +313,14 @@ fn a_subscriber_that_stands_still_slows_nobody_and_then_gets_the_newest() {
 }
 
 #[test]
-fn a_killed_subscriber_is_cleared_away_while_the_publisher_goes_on() {
+fn a_killed_subscriber_is_removed_while_the_publisher_continues() {
     let service = unique("killed-subscriber");
     let mut publisher = Publisher::open(&service).expect("the service is free");
     let mut scene = Scene::EMPTY;
     let victim = Process::with_role("watch", &service);
     victim.next_sequence(&mut publisher, &mut scene);
 
-    // A look at the books of the service, by somebody who clears nothing away while looking.
+    // Reads the counts of the service from a node that does not clean up.
     let node = node();
     let counts = node
         .service_builder(&full_name(&service))
@@ -380,7 +380,7 @@ fn a_watcher_waits_for_the_service_and_notices_that_its_publisher_died() {
     assert!(!exists(&service), "something was left behind");
 }
 
-/// A pipe whose reader goes away after some lines.
+/// A pipe whose reader disconnects after some lines.
 struct ClosedPipe {
     lines_left: usize,
 }
@@ -423,7 +423,7 @@ fn a_watcher_ends_after_its_frames_and_with_its_pipe() {
 }
 
 #[test]
-fn a_second_publisher_is_refused_in_one_line_while_the_first_lives() {
+fn a_second_publisher_is_refused_in_one_line_while_the_first_runs() {
     let service = unique("second");
     let mut first = Publisher::open(&service).expect("the service is free");
     let (status, errors) = Process::with_role("publish", &service).exit();
@@ -447,7 +447,7 @@ fn a_second_publisher_is_refused_in_one_line_while_the_first_lives() {
     assert!(!exists(&service), "something was left behind");
 }
 
-/// A scene as another version of the program might have it.
+/// A scene as another version of the program might define it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
 #[type_name("overcam.Scene.v0")]
@@ -470,7 +470,7 @@ fn another_layout_is_refused_and_not_misread() {
         matches!(refused, PublishError::Incompatible { .. }),
         "{refused}"
     );
-    // Who that is and what differs.
+    // Who that is, and what differs.
     let expected = format!(
         "process {} has iceoryx2 0.10.0 and scene `overcam.Scene.v0` of 8 bytes; this overcam has iceoryx2 0.10.0",
         std::process::id()
@@ -499,7 +499,7 @@ fn another_layout_is_refused_and_not_misread() {
 }
 
 #[test]
-fn a_group_that_is_not_ours_is_refused_in_one_line() {
+fn a_foreign_group_is_refused_in_one_line() {
     for (group, reason) in [
         ("no-such-group-here", "there is no such group"),
         ("a/b", "cannot be the name of a group"),
@@ -552,7 +552,7 @@ fn both_planners_print_the_published_poses() {
                 "{sequence} arrow x 101.520 y -0.000 heading -2.500 in 0.500 s x 101.520 y"
             );
             assert_eq!(pose, expected);
-            // Half a second from when the line was printed, not from the exposure.
+            // Half a second from the time the line was printed, not from the exposure.
             let expected = sequence as f64 - 30.0 * (0.5 + age_s).min(2.0);
             let ahead_y: f64 = ahead_y.parse().expect("a number");
             assert!((ahead_y - expected).abs() < 2e-3, "{ahead_y} {expected}");
@@ -562,7 +562,8 @@ fn both_planners_print_the_published_poses() {
     assert!(!exists(&service), "something was left behind");
 }
 
-/// A planner's line without the age, and the age in seconds, which must be that of a scene that was just made.
+/// A planner's line without the age, and the age in seconds, which must be that of a scene just
+/// made.
 fn numbered_pose(line: String) -> (u64, (String, f64)) {
     let (pose, age) = line.split_once(" age ").expect("a line ends with the age");
     let age_ms: f64 = age
@@ -579,7 +580,7 @@ fn numbered_pose(line: String) -> (u64, (String, f64)) {
     (sequence, (pose.to_owned(), age_ms * 1e-3))
 }
 
-/// The example's program; a test run of this file alone does not build it.
+/// The example's binary. A test run of this file alone does not build it.
 fn example_binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("the test program has a path");
     let profile = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");

@@ -1,4 +1,4 @@
-//! Files that are removed while they are in use, as systemd does at logout.
+//! Files that are removed while in use, as systemd does at logout.
 
 use std::path::PathBuf;
 use std::thread;
@@ -10,7 +10,7 @@ use scene::Scene;
 
 use crate::{PATIENCE, Process, exists, full_name, node, sequence_of, unique};
 
-/// The files by which newcomers find a service: those on disk, and those in shared memory.
+/// The files by which new subscribers find a service: those on disk, and those in shared memory.
 fn files_of(service: &str) -> [Vec<PathBuf>; 2] {
     let (name, config) = (full_name(service), Config::default());
     let node = node();
@@ -36,7 +36,7 @@ fn files_of(service: &str) -> [Vec<PathBuf>; 2] {
 }
 
 #[test]
-fn files_that_are_removed_are_noticed_and_published_anew() {
+fn removed_files_are_noticed_and_published_again() {
     for (case, which) in [&[0, 1][..], &[0], &[1]].into_iter().enumerate() {
         let service = unique(&format!("removed-{case}"));
         let mut publisher = Publisher::open(&service).expect("the service is free");

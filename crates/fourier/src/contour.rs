@@ -2,24 +2,24 @@
 
 use crate::{Complex32, N};
 
-/// Area of a polygon and the centre of that area, by Green's theorem.
+/// Area and centroid of a polygon, by Green's theorem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
-    /// Square pixels; positive when the contour runs clockwise on the screen.
+    /// Square pixels; positive if the contour runs clockwise on the screen.
     pub area: f32,
-    /// Centre of area; the mean of the points where the area is zero.
+    /// Centroid; the mean of the points if the area is zero.
     pub centre: [f32; 2],
 }
 
-/// Area and centre of area of a closed polygon.
+/// Area and centroid of a closed polygon.
 ///
 /// # Panics
 ///
-/// When there is no point.
+/// If there is no point.
 #[must_use]
 pub fn region(points: &[[f32; 2]]) -> Region {
     assert!(!points.is_empty(), "a region needs points");
-    // Sums relative to a point of the contour: far from the origin the products would lose their last digits.
+    // Relative to a point of the contour: far from the origin the products would lose precision.
     let [x0, y0] = points[0];
     let (mut twice_area, mut x, mut y) = (0.0f64, 0.0f64, 0.0f64);
     let (mut mean_x, mut mean_y) = (0.0f64, 0.0f64);
@@ -45,13 +45,14 @@ pub fn region(points: &[[f32; 2]]) -> Region {
     }
 }
 
-/// Samples a closed polygon at [`N`] points, the same distance along the contour apart, starting at its first point.
+/// Samples a closed polygon at [`N`] points with equal spacing along the contour, starting at its
+/// first point.
 ///
-/// A contour without length gives [`N`] times its first point.
+/// A contour of zero length gives [`N`] times its first point.
 ///
 /// # Panics
 ///
-/// When there is no point.
+/// If there is no point.
 #[must_use]
 pub fn resample(points: &[[f32; 2]]) -> [Complex32; N] {
     assert!(!points.is_empty(), "a contour needs points");
@@ -72,7 +73,7 @@ pub fn resample(points: &[[f32; 2]]) -> [Complex32; N] {
     samples
 }
 
-/// The polygon's edges, the closing one last.
+/// The edges of the polygon, the closing one last.
 fn edges(points: &[[f32; 2]]) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
     points
         .iter()
@@ -127,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_are_a_thirty_second_of_the_way_apart() {
+    fn samples_are_a_thirty_second_of_the_contour_apart() {
         let samples = resample(&SQUARE);
         assert_eq!(samples[0], Complex32::new(1000.0, 2000.0));
         assert_eq!(samples[1], Complex32::new(1001.0, 2000.0));

@@ -1,39 +1,43 @@
-//! The descriptor: a contour's spectrum with position, size, orientation and start point divided out (sections 2.2.2
-//! and 2.2.3 of the paper).
+//! The descriptor: a contour's spectrum, normalised for position, size, orientation and start point
+//! (sections 2.2.2 and 2.2.3 of the paper).
 //!
-//! Moving a contour changes F0 alone. Scaling multiplies all other coefficients. Turning it by `t` multiplies them by
-//! `exp(jt)`; starting `s` samples later multiplies coefficient `k` by `exp(2πjks / N)`. So with
+//! Moving a contour changes only F0. Scaling multiplies all other coefficients. Rotation by `t`
+//! multiplies them by `exp(jt)`. Starting `s` samples later multiplies coefficient `k` by
+//! `exp(2πjks / N)`. So with
 //!
 //! ```text
 //! orientation = (arg F1 + arg F(N-1)) / 2      start = (arg F1 - arg F(N-1)) / 2
 //! ```
 //!
-//! `F[k] exp(-j orientation) exp(-jk start) / abs F1` no longer depends on any of them.
+//! `F[k] exp(-j orientation) exp(-jk start) / abs F1` depends on none of them.
 //!
 //! # Differences from the paper
 //!
-//! * Equations 3 and 4 lack the factor 1/2: a turn by `t` adds `t` to both angles, hence `2t` to their sum. The halving
-//!   is where the ambiguity of 180 degrees comes from: with orientation and start both half a turn further, F1 and F(N-1) are
-//!   the same. The other coefficients of even frequency then change their sign; see [`matching`](crate::matching).
-//! * Equation 6 multiplies coefficient `k` by `exp(jkφ)`, which is right for frequency `k`, but the upper half of the spectrum holds
-//!   the negative frequencies `k - N`. With signed frequencies any shift, not only whole samples, is exact, and the
-//!   distortion that the paper warns of does not arise.
-//! * F0 is the mean of the samples along the contour, not the centre of the area. Poses use the centre of area
-//!   ([`region`](crate::contour::region)), which does not depend on how the contour's length is spread by noise.
+//! * Equations 3 and 4 lack the factor 1/2: a rotation by `t` adds `t` to both angles and so `2t`
+//!   to their sum. The halving causes the ambiguity of 180 degrees: if orientation and start both
+//!   change by half a turn, F1 and F(N-1) stay the same. The other coefficients of even frequency
+//!   then change sign; see [`matching`](crate::matching).
+//! * Equation 6 multiplies coefficient `k` by `exp(jkφ)`, which is correct for frequency `k`, but
+//!   the upper half of the spectrum holds the negative frequencies `k - N`. With signed frequencies
+//!   any shift is exact, not only whole samples, and the distortion that the paper warns of does
+//!   not occur.
+//! * F0 is the mean of the samples along the contour, not the centroid of the area. Poses use the
+//!   centroid ([`region`](crate::contour::region)), since it does not depend on how noise
+//!   distributes the contour's length.
 
 use crate::fft::{fft, frequency};
 use crate::{Complex32, N};
 
-/// A contour's spectrum, normalised, and what was divided out.
+/// The normalised spectrum of a contour, and what it was normalised by.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Descriptor {
     /// Normalised coefficients. `[0]` is 0, `[1]` is 1, `[N - 1]` is real and not negative.
     pub coefficients: [Complex32; N],
     /// F0: mean of the samples, in pixels.
     pub mean: Complex32,
-    /// Absolute value of F1: for a circle its radius in pixels.
+    /// Absolute value of F1: the radius in pixels for a circle.
     pub size_px: f32,
-    /// Orientation, in radians; known up to half a turn.
+    /// Orientation in radians, known up to half a turn.
     pub orientation_rad: f32,
 }
 
@@ -49,28 +53,31 @@ impl Descriptor {
 /// Why a contour has no descriptor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NoDescriptor {
-    /// F1 is zero: the contour has no extent, or runs counter-clockwise.
+    /// F1 is zero: the contour has no extent or runs counter-clockwise.
     NoExtent,
-    /// F(N-1) is so small against F1 that the orientation is noise: square, disc, equilateral star.
+    /// F(N-1) is so small relative to F1 that the orientation is noise: square, disc, equilateral
+    /// star.
     NoOrientation {
-        /// Absolute value of F(N-1) over that of F1.
+        /// Ratio of the absolute values of F(N-1) and F1.
         elongation: f32,
     },
 }
 
 impl Descriptor {
-    /// Absolute value of F(N-1) over that of F1: how well the shape shows its orientation. Zero for a circle, 1 for a line.
+    /// Ratio of the absolute values of F(N-1) and F1: how well the shape shows its orientation. 0
+    /// for a circle, 1 for a line.
     #[must_use]
     pub fn elongation(&self) -> f32 {
         self.coefficients[N - 1].re
     }
 }
 
-/// Normalises the spectrum of a contour, sampled clockwise on the screen.
+/// Normalises the spectrum of a contour that was sampled clockwise on the screen.
 ///
 /// # Errors
 ///
-/// [`NoDescriptor`] when size or orientation cannot be divided out; the elongation must be at least `elongation_min`.
+/// [`NoDescriptor`] if size or orientation cannot be normalised. The elongation must be at least
+/// `elongation_min`.
 pub fn describe(samples: &[Complex32; N], elongation_min: f32) -> Result<Descriptor, NoDescriptor> {
     let mut spectrum = *samples;
     fft(&mut spectrum);
@@ -78,7 +85,7 @@ pub fn describe(samples: &[Complex32; N], elongation_min: f32) -> Result<Descrip
     let mean = spectrum[0];
     let (first, last) = (spectrum[1], spectrum[N - 1]);
     let (size_px, last_size) = (first.norm(), last.norm());
-    // Also catches what is not a number. A contour that runs the wrong way round has its extent in F(N-1).
+    // Also catches NaN. A contour in the wrong direction has its extent in F(N-1).
     if !(size_px > 1e-6 && size_px >= last_size) {
         return Err(NoDescriptor::NoExtent);
     }
@@ -111,7 +118,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// An arrow head, clockwise on the screen.
+    /// An arrowhead, clockwise on the screen.
     const ARROW: [[f32; 2]; 4] = [[0.0, -10.0], [7.0, 8.0], [0.0, 4.0], [-7.0, 8.0]];
 
     fn moved(
@@ -134,14 +141,14 @@ mod tests {
     }
 
     #[test]
-    fn shapes_that_look_the_same_turned_have_no_orientation() {
+    fn rotationally_symmetric_shapes_have_no_orientation() {
         let square = [[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
         let error = describe(&resample(&square), 0.1).expect_err("a square has no orientation");
         assert!(matches!(error, NoDescriptor::NoOrientation { elongation } if elongation < 1e-5));
     }
 
     #[test]
-    fn a_contour_the_wrong_way_round_is_refused() {
+    fn a_counter_clockwise_contour_is_refused() {
         let mut backwards = ARROW;
         backwards.reverse();
         assert_eq!(
@@ -179,8 +186,8 @@ mod tests {
 
             let half_turns = (descriptor.orientation_rad - reference.orientation_rad - turn) / PI;
             prop_assert!((half_turns - half_turns.round()).abs() < 0.02, "{half_turns} half turns off");
-            // Half a turn off: coefficients of even frequency change their sign. The start falls between two samples of
-            // the reference, so that sharp corners are sampled beside their tips.
+            // Half a turn off: coefficients of even frequency change sign. The start is between two
+            // samples of the reference, so sharp corners are sampled beside their tips.
             let sign = if (half_turns.round() as i32) % 2 == 0 { 1.0 } else { -1.0 };
             for k in 1..N {
                 let expected = reference.coefficients[k] * if k % 2 == 0 { sign } else { 1.0 };

@@ -1,11 +1,11 @@
-//! Fourier transform of fixed length [`N`] = 32.
+//! Fast Fourier transform of fixed length [`N`] = 32.
 //!
-//! Decimation in time with radix 2 (Cooley and Tukey 1965): the samples are put into bit-reversed order, then five rounds
-//! of butterflies double the length of the finished transforms from 1 to 32. All lengths and factors are known when the
-//! program is built; nothing is allocated and nothing is planned.
+//! Decimation in time with radix 2 (Cooley and Tukey 1965): the samples are put into bit-reversed
+//! order, then five rounds of butterflies double the length of the finished transforms from 1 to
+//! 32. All lengths and factors are known at compile time; nothing is allocated or planned.
 //!
-//! Neither direction scales: forward and back again multiplies by [`N`]. The spectrum's index `k` is frequency `k` up to
-//! `N / 2` and `k - N` above.
+//! Neither direction scales: a transform and its inverse multiply by [`N`]. Index `k` of the
+//! spectrum is frequency `k` up to `N / 2` and `k - N` above.
 //!
 //! Cost: 80 butterflies.
 
@@ -14,7 +14,7 @@ use crate::{Complex32, N};
 /// Rounds of butterflies: the binary logarithm of [`N`].
 const ROUNDS: u32 = N.trailing_zeros();
 
-/// cos(2πk / 32) for a quarter of the circle.
+/// cos(2πk / 32) for a quarter circle.
 const COSINES: [f32; N / 4 + 1] = [
     1.0,
     0.980_785_3,
@@ -27,7 +27,7 @@ const COSINES: [f32; N / 4 + 1] = [
     0.0,
 ];
 
-/// exp(-2πjk / 32) for half of the circle.
+/// exp(-2πjk / 32) for a half circle.
 const FACTORS: [Complex32; N / 2] = {
     let mut factors = [Complex32::new(0.0, 0.0); N / 2];
     let mut k = 0;
@@ -66,13 +66,13 @@ pub fn fft(samples: &mut [Complex32; N]) {
 
 /// Replaces a spectrum by [`N`] times its samples: `c[n] = sum of F[k] exp(2πjkn / N)`.
 pub fn inverse_fft(spectrum: &mut [Complex32; N]) {
-    // Conjugating before and after turns all factors round.
+    // Conjugating before and after reverses the sign of all exponents.
     spectrum.iter_mut().for_each(|f| *f = f.conj());
     fft(spectrum);
     spectrum.iter_mut().for_each(|f| *f = f.conj());
 }
 
-/// Frequency of the spectrum's index `k`: negative from `N / 2 + 1` on.
+/// Frequency of index `k` of the spectrum: negative from `N / 2 + 1` on.
 #[must_use]
 pub const fn frequency(k: usize) -> i32 {
     if k <= N / 2 {
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Rounding errors of five rounds in single precision, for samples of size 1.
+    /// Rounding error of five rounds in single precision, for samples of magnitude 1.
     const TOLERANCE: f32 = 1e-5;
 
     fn samples() -> impl Strategy<Value = [Complex32; N]> {
@@ -127,7 +127,7 @@ mod tests {
         }
 
         #[test]
-        fn there_and_back_is_n_times(samples in samples()) {
+        fn transform_and_inverse_multiply_by_n(samples in samples()) {
             let mut there_and_back = samples;
             fft(&mut there_and_back);
             inverse_fft(&mut there_and_back);

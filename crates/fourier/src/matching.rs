@@ -1,42 +1,45 @@
 //! Comparison with references (section 2.2.3 of the paper).
 //!
-//! The quadratic distance between the points of two normalised contours is, by Parseval's theorem, [`N`] times that of
-//! their coefficients; the mean over the points is computed here, from the coefficients, without transforming back.
+//! By Parseval's theorem, the squared distance between the points of two normalised contours is
+//! [`N`] times that between their coefficients. So the mean over the points is computed from the
+//! coefficients, without an inverse transform.
 //!
-//! A descriptor knows its orientation up to half a turn. Half a turn of orientation and start point changes the sign of the
-//! coefficients of even frequency and nothing else, so that one pass gives the distance to a reference and to its
-//! counterpart turned by 180 degrees.
+//! The orientation of a descriptor is known up to half a turn. Half a turn of orientation and start
+//! point only changes the sign of the coefficients of even frequency, so one pass gives the
+//! distances to a reference and to the reference rotated by 180 degrees.
 //!
 //! # Differences from the paper
 //!
-//! The paper takes the orientation from F1 and F(N-1) alone, which hold a small part of what is known about it. Once
-//! the reference is known, turn and shift of start point are fitted over all coefficients (two unknowns, least squares,
-//! Gauss-Newton); the distance is what is left after the fit.
+//! The paper takes the orientation from F1 and F(N-1) alone, which hold only a small part of the
+//! information. Here, once the reference is known, rotation and shift of the start point are fitted
+//! over all coefficients (two unknowns, least squares, Gauss-Newton). The distance is the residual
+//! of the fit.
 
 use crate::descriptor::Descriptor;
 use crate::fft::frequency;
 use crate::{Complex32, N, wrapped};
 
-/// Rounds of the fit; the third changes the orientation by less than a thousandth of a degree.
+/// Rounds of the fit. A third would change the orientation by less than a thousandth of a degree.
 const FIT_ROUNDS: usize = 2;
 
-/// How a descriptor compares with one reference.
+/// Result of comparing a descriptor with one reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// Mean square distance of the contours' points, in units of the square of the size.
+    /// Mean squared distance between the points of the contours, in units of the squared size.
     pub distance: f32,
     /// Orientation of the contour minus that of the reference, in radians, within (-π, π].
     pub turn_rad: f32,
 }
 
-/// Compares a descriptor with one reference and with that reference turned by 180 degrees, and keeps the nearer one.
+/// Compares a descriptor with one reference, upright and rotated by 180 degrees, and returns the
+/// nearer one.
 #[must_use]
 pub fn compare(descriptor: &Descriptor, reference: &Descriptor) -> Match {
     let [upright, turned] = distances(descriptor, reference);
     compare_one_way(descriptor, reference, turned < upright)
 }
 
-/// Compares a descriptor with one reference and with that reference turned by 180 degrees.
+/// Compares a descriptor with one reference, upright and rotated by 180 degrees.
 #[must_use]
 pub fn compare_both_ways(descriptor: &Descriptor, reference: &Descriptor) -> [Match; 2] {
     [false, true].map(|half_turn| compare_one_way(descriptor, reference, half_turn))
@@ -55,14 +58,15 @@ fn compare_one_way(descriptor: &Descriptor, reference: &Descriptor, half_turn: b
     }
 }
 
-/// A distance that no turn and no shift of the start point undercuts, from the [magnitudes](Descriptor::magnitudes) of two
-/// descriptors: both change phases only.
+/// Lower bound of the distance over all rotations and shifts of the start point, from the
+/// [magnitudes](Descriptor::magnitudes) of two descriptors: both change only phases.
 #[must_use]
 pub fn min_distance(a: &[f32; N], b: &[f32; N]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
-/// Mean square distance of the points of two normalised contours, and the same with the second one turned by 180 degrees.
+/// Mean squared distance between the points of two normalised contours, and the same with the
+/// second one rotated by 180 degrees.
 #[must_use]
 pub fn distances(a: &Descriptor, b: &Descriptor) -> [f32; 2] {
     let (mut odd, mut even, mut even_turned) = (0.0, 0.0, 0.0);
@@ -78,8 +82,8 @@ pub fn distances(a: &Descriptor, b: &Descriptor) -> [f32; 2] {
     [odd + even, odd + even_turned]
 }
 
-/// Fits a small turn and a small shift of the start point that bring `reference` onto `coefficients`. Returns the turn and the mean
-/// square distance that is left.
+/// Fits a small rotation and a small shift of the start point that map `reference` onto
+/// `coefficients`. Returns the rotation and the mean squared distance that remains.
 fn fit(coefficients: &[Complex32; N], reference: &[Complex32; N], half_turn: bool) -> (f32, f32) {
     let target = |k: usize| {
         if half_turn && k.is_multiple_of(2) {
@@ -91,7 +95,8 @@ fn fit(coefficients: &[Complex32; N], reference: &[Complex32; N], half_turn: boo
     let (mut turn, mut shift) = (0.0, 0.0);
     let mut left = 0.0;
     for round in 0..=FIT_ROUNDS {
-        // Derivatives of target * exp(j (turn + frequency * shift)): j and j * frequency times itself.
+        // Derivatives of target * exp(j (turn + frequency * shift)): itself times j and j *
+        // frequency.
         let (mut tt, mut ts, mut ss, mut tr, mut sr) = (0.0, 0.0, 0.0, 0.0, 0.0);
         left = 0.0;
         let phases = phases(turn, shift);
@@ -119,7 +124,7 @@ fn fit(coefficients: &[Complex32; N], reference: &[Complex32; N], half_turn: boo
     (turn, left)
 }
 
-/// `exp(j (turn + frequency * shift))` of every coefficient, each from its neighbour's.
+/// `exp(j (turn + frequency * shift))` for each coefficient, computed from its neighbour's.
 fn phases(turn: f32, shift: f32) -> [Complex32; N] {
     let step = Complex32::from_polar(1.0, shift);
     let mut phases = [Complex32::from_polar(1.0, turn); N];
@@ -141,7 +146,7 @@ mod tests {
     use core::f32::consts::PI;
     use proptest::prelude::*;
 
-    /// Half a disc: clockwise on the screen, flat side left.
+    /// A half disc: clockwise on the screen, flat side left.
     fn half_disc(turn_rad: f32, radius: f32) -> Descriptor {
         let points: std::vec::Vec<[f32; 2]> = (0..=60)
             .map(|i| {
@@ -168,7 +173,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_turn_is_found_all_the_way_round(turn in -PI..PI, radius in 2f32..80.0) {
+        fn the_turn_is_found_over_the_full_circle(turn in -PI..PI, radius in 2f32..80.0) {
             let found = compare(&half_disc(turn, radius), &half_disc(0.0, 10.0));
             prop_assert!(wrapped(found.turn_rad - turn).abs() < 0.01, "{} instead of {turn}", found.turn_rad);
         }

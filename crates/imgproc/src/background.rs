@@ -1,27 +1,29 @@
-//! The picture of the empty floor, learned from frames (section 2.1.1 of the paper asks for a recorded one).
+//! Learns the picture of the empty floor from frames (section 2.1.1 of the paper asks for a
+//! recorded one).
 //!
-//! For each pixel the median over the frames: what covers a pixel for less than half of the time leaves no trace, so
-//! objects may move over the floor while it is learned.
+//! It is the median of each pixel over the frames. Whatever covers a pixel for less than half of
+//! the time leaves no trace, so objects may move over the floor during learning.
 //!
 //! # Method
 //!
-//! The median is found bit by bit from the highest down: a bit belongs to it when at most half of the values are below the
-//! number made of the bits found so far and this one. For a block of pixels that is one comparison and one addition a frame
-//! and bit, without branches and without sorting. Counts are bytes, so that a vector register holds as many of them as pixels.
+//! The median is found bit by bit from the highest down. A bit is set when at most half of the
+//! values are below the number formed by the bits found so far and this one. For a block of pixels
+//! this takes one comparison and one addition per frame and bit, without branches and without
+//! sorting. Counts are bytes, so a vector register holds as many counts as pixels.
 //!
 //! Cost: eight passes over all frames.
 
-/// Pixels of one block.
+/// Pixels per block.
 const BLOCK: usize = 256;
 
-/// Writes to `out` the lower median of each pixel over the frames: the value at position `(n - 1) / 2` of all `n` in
-/// ascending order.
+/// Writes to `out` the lower median of each pixel over the frames: the value at position
+/// `(n - 1) / 2` of all `n` in ascending order.
 ///
 /// `frames` holds the planes one after the other, each as long as `out`.
 ///
 /// # Panics
 ///
-/// When `frames` holds no plane, more than 255, or not a whole number of them.
+/// If `frames` holds no plane, more than 255, or not a whole number of them.
 pub fn median_of_frames(frames: &[u8], out: &mut [u8]) {
     let area = out.len();
     assert!(
@@ -32,7 +34,7 @@ pub fn median_of_frames(frames: &[u8], out: &mut [u8]) {
         "{} bytes are not 1 to 255 planes of {area} pixels",
         frames.len()
     );
-    // Values below the median are at most as many as stand before its position.
+    // The number of values below the median is at most its position.
     let before = ((frames.len() / area - 1) / 2) as u8;
     for (block, out) in out.chunks_mut(BLOCK).enumerate() {
         let n = out.len();

@@ -1,8 +1,8 @@
-//! Shapes of a mask and the contours around them (sections 2.1.2 and 2.1.3 of the paper).
+//! Shapes in a mask and their contours (sections 2.1.2 and 2.1.3 of the paper).
 //!
-//! The mask is scanned row by row. The first pixel that is set belongs to a shape and lies on its contour: nothing is set
-//! above it or to its left. [`follow_contour`] walks around the shape from there, [`remove_shape`] erases it, and the scan
-//! goes on: each shape is found exactly once.
+//! The mask is scanned row by row. The first set pixel belongs to a shape and lies on its contour,
+//! since nothing above it or to its left is set. [`follow_contour`] walks around the shape from
+//! there, [`remove_shape`] erases it, and the scan continues, so each shape is found exactly once.
 //!
 //! ```
 //! use imgproc::{Point, Size, contour};
@@ -23,11 +23,12 @@
 //!
 //! # Differences from the paper
 //!
-//! * The loop of its figure 5 does not end on an isolated pixel, and reads outside the picture at the border. Here a
-//!   shape of one pixel has a contour of one point, and outside the picture nothing is set.
-//! * It ends when the start is reached again; a shape that is one pixel wide there is left half walked. Here the walk ends
-//!   when the start is left in the direction in which it was left first.
-//! * A contour that does not fit the buffer is reported instead of walked without end.
+//! * The loop in its figure 5 never ends on an isolated pixel, and it reads outside the picture at
+//!   the border. Here a shape of one pixel has a contour of one point, and pixels outside the
+//!   picture count as clear.
+//! * It ends when the start is reached again, which is too early if the shape is one pixel wide
+//!   there. Here the walk ends when it leaves the start in the same direction as the first time.
+//! * A contour that does not fit the buffer is reported.
 
 use crate::{Bounds, Point, Size, assert_len};
 
@@ -43,11 +44,11 @@ const DIRECTIONS: [(isize, isize); 8] = [
     (-1, 0),
 ];
 
-/// The contour has more points than the buffer; the shape can still be removed.
+/// The contour has more points than the buffer. The shape can still be removed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ContourTooLong;
 
-/// A row of set pixels, for the scratch of [`remove_shape`].
+/// A run of set pixels in a row: scratch of [`remove_shape`].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Span {
     y: u16,
@@ -60,23 +61,23 @@ pub struct Span {
 pub struct Removed {
     /// Number of pixels.
     pub area: usize,
-    /// Number of those whose value is above 1.
+    /// Number of pixels with a value above 1.
     pub cores: usize,
-    /// The smallest rectangle around them.
+    /// Bounding box of the pixels.
     pub bounds: Bounds,
 }
 
-/// First set pixel at or after index `from`, in reading order.
+/// First set pixel at or after index `from`, in row-major order.
 ///
 /// # Panics
 ///
-/// When `mask` has not `size.area()` values.
+/// If `mask` does not have `size.area()` values.
 #[must_use]
 pub fn next_shape(mask: &[u8], size: Size, from: usize) -> Option<Point> {
     assert_len("mask", mask.len(), size);
     const STRIDE: usize = 64;
     let rest = mask.get(from..)?;
-    // Most of a mask is empty: whole stretches are looked at in one go.
+    // Most of a mask is empty, so skip it in chunks.
     let empty = rest
         .chunks_exact(STRIDE)
         .take_while(|chunk| chunk.iter().fold(0, |any, &m| any | m) == 0)
@@ -88,18 +89,19 @@ pub fn next_shape(mask: &[u8], size: Size, from: usize) -> Option<Point> {
     })
 }
 
-/// Walks clockwise (as seen on the screen) around the shape that `start` belongs to and returns the pixels passed, each step to
-/// one of eight neighbours. A pixel that is passed twice is there twice.
+/// Walks clockwise (as seen on the screen) around the shape that `start` belongs to and returns the
+/// pixels on the way. Each step goes to one of eight neighbours. A pixel that is passed twice
+/// appears twice.
 ///
-/// `start` must be the shape's first pixel in reading order, as [`next_shape`] finds it.
+/// `start` must be the first pixel of the shape in row-major order, as [`next_shape`] finds it.
 ///
 /// # Errors
 ///
-/// [`ContourTooLong`] when `points` is too short.
+/// [`ContourTooLong`] if `points` is too short.
 ///
 /// # Panics
 ///
-/// When `mask` has not `size.area()` values, or `start` is not set.
+/// If `mask` does not have `size.area()` values, or `start` is not set.
 pub fn follow_contour<'a>(
     mask: &[u8],
     size: Size,
@@ -111,7 +113,7 @@ pub fn follow_contour<'a>(
         is_set(mask, size, start, (0, 0)),
         "the contour starts at {start:?}, which is not set"
     );
-    // The first neighbour that is set, clockwise from direction `from`.
+    // The first set neighbour, clockwise from direction `from`.
     let next = |at: Point, from: usize| {
         (0..8)
             .map(|turn| (from + turn) % 8)
@@ -134,7 +136,7 @@ pub fn follow_contour<'a>(
             x: (at.x as isize + dx) as u16,
             y: (at.y as isize + dy) as u16,
         };
-        // Three steps back from straight on: the neighbour after the one we came from. It always ends at that one.
+        // Start at the neighbour after the one we came from, which is set and so ends the search.
         direction = next(at, (direction + 5) % 8).unwrap_or(first);
         if at == start && direction == first {
             return Ok(&points[..n]);
@@ -143,17 +145,18 @@ pub fn follow_contour<'a>(
     }
 }
 
-/// Entries that [`remove_shape`] needs at most: the most rows of set pixels that a mask can hold.
+/// Number of spans that [`remove_shape`] needs: the maximum number of runs in a mask.
 #[must_use]
 pub const fn span_capacity(size: Size) -> usize {
     size.width.div_ceil(2) * size.height
 }
 
-/// Clears all pixels that hang together with `start` over any of eight neighbours. `spans` is scratch.
+/// Clears all pixels connected to `start` (8-connectivity). `spans` is scratch.
 ///
 /// # Panics
 ///
-/// When `mask` has not `size.area()` values, `spans` fewer than [`span_capacity`], or `start` is not set.
+/// If `mask` does not have `size.area()` values, `spans` has fewer than [`span_capacity`], or
+/// `start` is not set.
 pub fn remove_shape(mask: &mut [u8], size: Size, start: Point, spans: &mut [Span]) -> Removed {
     assert_len("mask", mask.len(), size);
     assert!(
@@ -167,7 +170,7 @@ pub fn remove_shape(mask: &mut [u8], size: Size, start: Point, spans: &mut [Span
         cores: 0,
         bounds: Bounds::of(start),
     };
-    // A span is erased when it is found, hence found once, hence there is room for all.
+    // A span is erased as soon as it is found, so it is found only once and there is room for all.
     let mut n = 0;
     let mut erase = |mask: &mut [u8], x: u16, y: u16, spans: &mut [Span], n: &mut usize| {
         let row = &mut mask[usize::from(y) * size.width..][..size.width];
@@ -220,12 +223,12 @@ pub fn remove_shape(mask: &mut [u8], size: Size, start: Point, spans: &mut [Span
     removed
 }
 
-/// Sets in `mask` all pixels on or inside a contour: the mask of the cut-out (section 2.2.1). `mask` is a plane of
-/// `bounds.size()`, whose top left pixel is that of `bounds`.
+/// Sets all pixels of `mask` on or inside a contour: the mask of the cut-out (section 2.2.1).
+/// `mask` is a plane of `bounds.size()` whose top left pixel is that of `bounds`.
 ///
 /// # Panics
 ///
-/// When `mask` has not `bounds.size().area()` values, or the contour leaves `bounds`.
+/// If `mask` does not have `bounds.size().area()` values, or the contour leaves `bounds`.
 pub fn fill_contour(contour: &[Point], bounds: Bounds, mask: &mut [u8]) {
     const ON: u8 = 1;
     const CROSSED: u8 = 2;
@@ -235,7 +238,8 @@ pub fn fill_contour(contour: &[Point], bounds: Bounds, mask: &mut [u8]) {
     let index = |point: Point| {
         usize::from(point.y - bounds.top) * size.width + usize::from(point.x - bounds.left)
     };
-    // A step between two rows crosses the upper of them at its upper end; right of an odd number of crossings is inside.
+    // A step between two rows crosses the upper row at the step's upper end. Pixels right of an odd
+    // number of crossings are inside.
     let ends = contour.iter().zip(contour.iter().cycle().skip(1));
     for (&from, &to) in ends {
         mask[index(from)] |= ON;
@@ -252,7 +256,7 @@ pub fn fill_contour(contour: &[Point], bounds: Bounds, mask: &mut [u8]) {
     }
 }
 
-/// Whether the neighbour of `at` in a direction is set; outside the picture nothing is.
+/// Whether the neighbour of `at` in a direction is set. Pixels outside the picture are not.
 fn is_set(mask: &[u8], size: Size, at: Point, (dx, dy): (isize, isize)) -> bool {
     let x = (at.x as isize + dx) as usize;
     let y = (at.y as isize + dy) as usize;
@@ -266,7 +270,7 @@ pub(crate) mod tests {
     use proptest::prelude::*;
     use std::{vec, vec::Vec};
 
-    /// A mask drawn with `#` for set and `.` for clear.
+    /// Parses a drawing of a mask: `#` is set, `.` is clear.
     pub(crate) fn drawing(rows: &str) -> (Size, Vec<u8>) {
         let rows: Vec<&str> = rows.lines().map(str::trim).collect();
         let size = Size {
@@ -295,18 +299,18 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_line_is_walked_there_and_back() {
+    fn a_line_is_followed_forth_and_back() {
         assert_eq!(contour_of("###"), [(0, 0), (1, 0), (2, 0), (1, 0)]);
     }
 
     #[test]
-    fn a_square_at_the_border_is_walked_clockwise() {
+    fn a_square_at_the_border_is_followed_clockwise() {
         assert_eq!(contour_of("##\n##"), [(0, 0), (1, 0), (1, 1), (0, 1)]);
     }
 
     #[test]
     fn a_start_that_is_passed_twice_does_not_end_the_walk() {
-        // Two arms hang from the first pixel; the paper's loop ends after the right one.
+        // Two arms start at the first pixel; the paper's loop ends after the right one.
         let contour = contour_of(
             "..#..
              .#.#.
@@ -361,7 +365,7 @@ pub(crate) mod tests {
         );
     }
 
-    /// All pixels that hang together with `start`, by a plain stack of pixels.
+    /// All pixels connected to `start`, found with a simple stack of pixels.
     fn component(mask: &[u8], size: Size, start: Point) -> Vec<u8> {
         let mut found = vec![0; size.area()];
         let mut stack = vec![start];
@@ -383,7 +387,8 @@ pub(crate) mod tests {
         found
     }
 
-    /// Whether the pixel can be reached from outside over clear pixels, four neighbours each: then no contour encloses it.
+    /// Marks the pixels that can be reached from outside over clear pixels (4-connectivity): no
+    /// contour encloses them.
     fn outside(shape: &[u8], size: Size) -> Vec<bool> {
         let mut reached = vec![false; size.area()];
         let border = (0..size.area()).filter(|i| {

@@ -1,57 +1,63 @@
 //! Difference between a frame and the empty floor, in units of noise (section 2.1.1 of the paper).
 //!
-//! A pixel of the floor in another light keeps its chromaticity: all its channels change by the same factor. So the three
-//! channels are split into what light can do and what it cannot:
+//! If the light changes, a floor pixel keeps its chromaticity: all channels change by the same
+//! factor. So the three channels are split into a part that light can change and a part that it
+//! cannot:
 //!
 //! ```text
-//! lightness   L = (S - S₀) / 3                     S = R + G + B, S₀ the floor's
-//! red         r = R - S R₀/S₀                      what is left when the floor's colour is taken in the light of the frame
-//! blue        b = B - S B₀/S₀                      (green is minus the sum of both)
+//! lightness   L = (S - S₀) / 3         S = R + G + B, S₀ the floor's
+//! red         r = R - S R₀/S₀          deviation from the floor's colour in the frame's light
+//! blue        b = B - S B₀/S₀          (green is minus the sum of both)
 //! ```
 //!
-//! Red and blue are a vector of chromaticity, measured in grey levels of the frame. It needs no angle and no division, has no
-//! singularity in grey, black or white, and a grey camera gives zeros.
+//! Red and blue form a chromaticity vector, in grey levels of the frame. It needs no angle and no
+//! division, and has no singularity at grey, black or white. A grey camera gives zeros.
 //!
-//! Each difference is divided by the noise that it has where nothing stands (a [`Reference`] is prepared with it):
+//! Each difference is divided by its noise on the empty floor, which [`prepare`] puts into the
+//! [`Reference`]:
 //!
-//! * what a pixel varies from frame to frame, learned with the floor;
-//! * what the light varies, a share of the floor's brightness;
-//! * what a displacement by a part of a pixel does at the floor's own edges: cameras shake, and things are nudged;
-//! * what compression and rounding do.
+//! * variation of the pixel from frame to frame, learned with the floor;
+//! * variation of the light, as a share of the floor's brightness;
+//! * displacement by a fraction of a pixel at the floor's own edges, since cameras shake and get
+//!   nudged;
+//! * compression and rounding.
 //!
 //! # Differences from the paper
 //!
-//! * Hue counts by the saturation there is: in the vector, the hue of a grey floor weighs nothing. The paper's plain
-//!   difference of hues is noise there.
-//! * Lightness is not discarded but kept apart, since it is all that tells grey from grey; [`labels`](crate::labels)
-//!   decides what of it is shadow.
-//! * One unit for all floors and cameras replaces a threshold in steps of hue.
+//! * Hue is weighted by saturation: in the vector, the hue of a grey floor has no weight. The
+//!   paper's plain difference of hues is noise there.
+//! * Lightness is not discarded but kept separate, since only it distinguishes grey from grey.
+//!   [`labels`](crate::labels) decides which part of it is shadow.
+//! * Thresholds are in one unit for all floors and cameras instead of steps of hue.
 //!
 //! # Cost
 //!
-//! One pass of 16-bit integer arithmetic in blocks, about forty operations a pixel.
+//! One pass of 16-bit integer arithmetic in blocks, about forty operations per pixel.
 
 use crate::{Size, assert_len};
 
-/// Pixels of one block.
+/// Pixels per block.
 const BLOCK: usize = 128;
 
-/// Differences are in this many parts of the noise.
+/// Differences are in units of the noise divided by this.
 pub const PARTS: i16 = 8;
 
-/// Greatest difference that is told apart: nine of them fit into 16 bits.
+/// Maximum difference; larger ones saturate. Nine of them fit into 16 bits.
 const DIFFERENCE_MAX: i16 = 400 * PARTS;
 
-/// Brightness is counted in sixteenths of a level, so that 16 bits hold the sum of three channels.
+/// Brightness is in sixteenths of a grey level, so that the sum of three channels fits into 16
+/// bits.
 const FINE: u32 = 16;
 
-/// The brightest channel that is told apart: twice white, for frames that are darker than the floor's picture.
+/// Maximum of a channel: twice white, for frames that are darker than the floor's picture.
 const CHANNEL_MAX: u16 = 2 * 255 * FINE as u16;
 
-/// A channel from here on may be any brighter: it is cut off by the camera.
+/// A channel with at least this value counts as clipped by the camera: the scene may be any
+/// brighter.
 const SATURATED: u8 = 250;
 
-/// Most noise, in levels, that may be a sensor's; what varies more varies with what is around it.
+/// Maximum noise of a sensor, in grey levels. Pixels that vary more vary together with their
+/// neighbours.
 const SENSOR_MAX: f32 = 3.0;
 
 /// A colour picture as three planes.
@@ -65,35 +71,35 @@ pub struct Colour<'a, T = u8> {
     pub blue: &'a [T],
 }
 
-/// What a pixel of the floor varies without anything standing on it.
+/// How much a pixel of the empty floor varies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseSettings {
-    /// Of any pixel, in levels: rounding and compression.
+    /// Of any pixel, in grey levels: rounding and compression.
     pub min: f32,
     /// Of the light, as a share of the floor's brightness.
     pub light: f32,
     /// Of the light's colour, as a share of the floor's brightness.
     pub colour: f32,
-    /// Of the camera's place, in pixels.
+    /// Of the camera's position, in pixels.
     pub displacement_px: f32,
 }
 
-/// The floor as frames are compared with it: planes to be written.
+/// The floor, prepared for comparison with frames: planes to be written.
 #[derive(Debug)]
 pub struct ReferenceMut<'a> {
-    /// Sum of the channels, in sixteenths of a level.
+    /// Sum of the channels, in sixteenths of a grey level.
     pub level: &'a mut [u16],
     /// Red's share of the sum, in 65536ths.
     pub red_share: &'a mut [u16],
     /// Blue's share of the sum, in 65536ths.
     pub blue_share: &'a mut [u16],
-    /// Factor from lightness to its noise.
+    /// Factor from lightness to units of its noise.
     pub light_scale: &'a mut [i16],
-    /// Factor from chromaticity to its noise.
+    /// Factor from chromaticity to units of its noise.
     pub colour_scale: &'a mut [i16],
 }
 
-/// The floor as frames are compared with it.
+/// The floor, prepared for comparison with frames.
 #[derive(Debug, Clone, Copy)]
 pub struct Reference<'a> {
     /// See [`ReferenceMut`].
@@ -108,20 +114,20 @@ pub struct Reference<'a> {
     pub colour_scale: &'a [i16],
 }
 
-/// What a frame differs by: planes to be written.
+/// Difference of a frame from the floor: planes to be written.
 #[derive(Debug)]
 pub struct DifferenceMut<'a> {
-    /// Brighter (positive) or darker than the floor, in [`PARTS`] of the noise.
+    /// Brighter (positive) or darker than the floor, in noise / [`PARTS`].
     pub light: &'a mut [i16],
-    /// Redder than the floor in the same light, in [`PARTS`] of the noise.
+    /// Redder than the floor in the same light, in noise / [`PARTS`].
     pub red: &'a mut [i16],
-    /// Bluer than the floor in the same light, in [`PARTS`] of the noise.
+    /// Bluer than the floor in the same light, in noise / [`PARTS`].
     pub blue: &'a mut [i16],
-    /// Sum of the frame's channels in the floor's light, in sixteenths of a level.
+    /// Sum of the frame's channels, converted to the floor's light, in sixteenths of a grey level.
     pub level: &'a mut [u16],
 }
 
-/// How many times as bright as in the floor's picture the light is now, in each channel.
+/// Brightness of the light now as a multiple of that in the floor's picture, per channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gains {
     /// Of red.
@@ -133,7 +139,7 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// The light of the floor's picture.
+    /// The light did not change.
     pub const NONE: Self = Self {
         red: 1.0,
         green: 1.0,
@@ -141,12 +147,12 @@ impl Gains {
     };
 }
 
-/// Prepares rows of the floor for comparison. `floor` is in 256ths of a level, `noise` the standard deviation of each pixel in
-/// eighths of a level.
+/// Prepares rows of the floor for comparison. `floor` is in 256ths of a grey level, `noise` is the
+/// standard deviation of each pixel in eighths of a grey level.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values, or the rows are not all in the picture.
+/// If a slice does not have `size.area()` values, or the rows are not all in the picture.
 pub fn prepare(
     floor: Colour<'_, u16>,
     noise: &[u8],
@@ -180,13 +186,14 @@ pub fn prepare(
             let (low, high) = around
                 .iter()
                 .fold((here, here), |(low, high), &s| (low.min(s), high.max(s)));
-            // Levels of the mean channel; 768 = 3 channels in 256ths.
+            // Grey levels of the mean channel; 768 = 3 channels in 256ths.
             let mean = here as f32 / 768.0;
             let slope = (high - low) as f32 / (2.0 * 768.0) * settings.displacement_px;
             let varies = f32::from(noise[i]) / 8.0;
             let square = |x: f32| x * x;
-            // A sensor's noise is that of a pixel and a channel alone, and halves in the mean of a window and three channels;
-            // that of colour, the difference of two channels, becomes less by a quarter at least.
+            // Sensor noise is independent between pixels and channels. It halves in the mean over a
+            // window and three channels; in chromaticity, the difference of two channels, it drops
+            // by at least a quarter.
             let light = square(varies - varies.min(SENSOR_MAX) / 2.0)
                 + square(settings.min)
                 + square(settings.light * mean)
@@ -195,12 +202,13 @@ pub fn prepare(
                 + square(settings.min)
                 + square(settings.colour * mean)
                 + square(slope / 2.0);
-            // At most as much as white can hold, rounded down: shares of the sum stay below 1.
+            // At most white, rounded down, so that the shares stay below 1.
             let share = |channel: u16| (u64::from(channel) * 65535 / u64::from(here.max(1))) as u16;
             out.level[i] = (here * FINE / 256) as u16;
             out.red_share[i] = share(floor.red[i]);
             out.blue_share[i] = share(floor.blue[i]);
-            // From sixteenths of a sum of three channels, and of one channel, to PARTS of the noise, in 65536ths.
+            // From sixteenths (a sum of three channels, or one channel) to noise / PARTS, in
+            // 65536ths.
             let per = f32::from(PARTS) * 65536.0 / FINE as f32;
             out.light_scale[i] = (per / 3.0 / root(light)).min(32767.0) as i16;
             out.colour_scale[i] = (per / root(colour)).min(32767.0) as i16;
@@ -208,18 +216,19 @@ pub fn prepare(
     }
 }
 
-/// Square root to three digits, which is all that a scale needs; `core` has none.
+/// Square root to three digits, enough for a scale; `core` has none.
 fn root(square: f32) -> f32 {
     (((square * 65536.0) as u64).isqrt() as f32 / 256.0).max(1.0 / 256.0)
 }
 
-/// Writes by how much each pixel differs from the floor.
+/// Writes the difference of each pixel from the floor.
 ///
-/// A channel that the camera cut off at white counts as bright as the floor, if that is brighter.
+/// A channel that the camera clipped at white counts as bright as the floor if the floor is
+/// brighter.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub fn difference(
     picture: Colour<'_>,
     gains: Gains,
@@ -237,7 +246,7 @@ pub fn difference(
     assert_len("red", out.red.len(), size);
     assert_len("blue", out.blue.len(), size);
     assert_len("level", out.level.len(), size);
-    // Times 256 and 16 (sixteenths), divided by 65536 again after the product: a factor of 1 is 4096.
+    // 256 * 16 (sixteenths) / 65536 after the product: a factor of 1 is 4096.
     let inverse = |gain: f32| (4096.0 / gain.max(1.0 / 15.0)) as u16;
     let (to_red, to_green, to_blue) = (
         inverse(gains.red),
@@ -280,7 +289,8 @@ pub fn difference(
     }
 }
 
-/// A channel of the frame in the light of the floor's picture, sixteenths of a level.
+/// A channel of the frame converted to the light of the floor's picture, in sixteenths of a grey
+/// level.
 #[inline(always)]
 fn in_floor_light(channel: u8, factor: u16, floor: u16) -> u16 {
     let value = high_half(u16::from(channel) << 8, factor).min(CHANNEL_MAX);
@@ -288,13 +298,13 @@ fn in_floor_light(channel: u8, factor: u16, floor: u16) -> u16 {
     value.max(cut_off)
 }
 
-/// Upper half of a product of two 16-bit numbers: one instruction for eight pixels.
+/// Upper half of the product of two 16-bit numbers: one instruction for eight pixels.
 #[inline(always)]
 fn high_half(a: u16, b: u16) -> u16 {
     ((u32::from(a) * u32::from(b)) >> 16) as u16
 }
 
-/// A difference in parts of the noise.
+/// A difference in noise / PARTS.
 #[inline(always)]
 fn scaled(difference: i16, scale: i16) -> i16 {
     let parts = ((i32::from(difference) * i32::from(scale)) >> 16) as i16;
@@ -325,7 +335,8 @@ mod tests {
         displacement_px: 0.0,
     };
 
-    /// Light, red and blue between two pictures of one colour each, in PARTS of a noise of two levels.
+    /// Light, red and blue between two single-colour pictures, in noise / PARTS, with a noise of
+    /// two grey levels.
     fn between(picture: [u8; 3], floor: [u8; 3], gains: Gains) -> [i16; 3] {
         let floor = floor.map(|level| [u16::from(level) << 8]);
         let (mut level, mut red_share, mut blue_share) = ([0], [0], [0]);
@@ -378,7 +389,7 @@ mod tests {
     #[test]
     fn a_shadow_changes_lightness_and_no_colour() {
         let [light, red, blue] = between([60, 80, 40], [120, 160, 80], Gains::NONE);
-        // 60 levels of lightness are 30 times the noise.
+        // 60 grey levels of lightness are 30 times the noise.
         assert!((light + 30 * PARTS).abs() <= 1, "{light}");
         assert!(red.abs() <= 1 && blue.abs() <= 1, "{red} {blue}");
     }
@@ -403,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_camera_cut_off_is_not_darker_than_the_floor() {
+    fn clipped_pixels_are_not_darker_than_the_floor() {
         let gains = Gains {
             red: 1.5,
             green: 1.5,
@@ -429,7 +440,7 @@ mod tests {
             ];
             let found = between(picture, floor, Gains::NONE);
             for (found, expected) in found.into_iter().zip(expected) {
-                // Sixteenths of a level and 65536ths are rounded down, four times.
+                // Sixteenths of a grey level and 65536ths are rounded down, four times.
                 prop_assert!((f64::from(found) - expected).abs() < 2.5, "{found} {expected}");
             }
         }

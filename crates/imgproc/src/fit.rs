@@ -1,25 +1,30 @@
-//! Pose of a known shape, from all grey pixels that show it (Gauss-Newton; Lucas and Kanade 1981 with the parameters of a
-//! camera).
+//! Pose of a known shape from all grey pixels that show it (Gauss-Newton; Lucas and Kanade 1981
+//! with the parameters of a camera).
 //!
-//! A dark shape stands on a light, square plate. Its picture is known for every blur ([`Layers`]); place, turn and size of the
-//! plate, blur, contrast and the light with its slope are unknown and are found by least squares:
+//! The shape is dark, on a light, square plate. Its picture is known for every blur ([`Layers`]).
+//! Position, rotation and size of the plate, blur, contrast, and the light with its slope are
+//! unknown. They are found by least squares:
 //!
 //! ```text
 //! grey(x, y) = (light + slope · (x - x0, y - y0)) (1 - contrast · coverage(u, v; blur))
-//! (u, v)     = turned back by `turn` (x - centre) / plate
+//! (u, v)     = (x - centre) / plate, rotated back by `turn`
 //! ```
 //!
-//! A contour uses the pixels that it runs through, and of each but one number; the fit uses what every pixel says of every
-//! unknown. What is left, the residual, is noise where the shape is the right one, and tells where it is not.
+//! A contour uses only the pixels that it passes through, and one number of each. The fit uses the
+//! information of every pixel about every unknown. The residual is noise if the shape is the right
+//! one, and larger if it is not.
 //!
 //! # Range
 //!
-//! The fit starts from a pose that is right to within about a pixel, 3 degrees and a twentieth of the size, as the descriptor
-//! of the contour gives it: from farther away it is taken for something else and given up. Only pixels inside the plate
-//! count, those less than two blurs from its border not: what is beside the plate is unknown. Plates of more than [`PLATE_BINNED_PX`] are fitted to the means of square blocks of pixels.
+//! The initial pose must be right to within about a pixel, 3 degrees and a twentieth of the size,
+//! as the descriptor of the contour gives it. Starts farther away are rejected as another shape.
+//! Only pixels inside the plate count, and only those at least two blurs from its border, because
+//! the surroundings of the plate are unknown. Plates larger than [`PLATE_BINNED_PX`] are fitted to
+//! the means of square blocks of pixels.
 //!
-//! Cost: a round for light and contrast and two for the pose with some 200 blocks of pixels, which show most of what is something
-//! else, then one to three with all of them, about 200 operations each.
+//! Cost: one round for light and contrast and two for the pose with about 200 blocks of pixels,
+//! which reject most other shapes; then one to three rounds with all pixels, about 200 operations
+//! per pixel.
 
 use crate::{Bounds, Size, assert_len};
 
@@ -32,62 +37,67 @@ mod equations;
 mod layers;
 mod view;
 
-/// Rounds at most, besides that for the light; most fits end after two or three.
+/// Maximum number of rounds, besides the one for the light. Most fits end after two or three.
 const ROUNDS_MAX: usize = 7;
 
-/// A fit is given up when a round starts with a residual of more than so many times what is allowed: the first round, the
-/// second, and so on. Shapes that are there start with less than 4.8, 2.9, 1.7 and 1.5.
+/// A fit is given up when a round starts with a residual above the permitted one times this factor,
+/// for the first round, the second, and so on. Shapes that are present start with less than 4.8,
+/// 2.9, 1.7 and 1.5.
 const GIVE_UP: [f32; 4] = [8.0, 3.5, 2.0, 1.5];
 
-/// Or when the first round's equations promise no better than so many times of it. Shapes that are there: 4.2 at plates of 12
-/// pixels, less on larger ones.
+/// A fit is given up when the first round's equations predict a residual above the permitted one
+/// times this factor. Shapes that are present: 4.2 at plates of 12 pixels, less on larger ones.
 const GIVE_UP_PROMISED: f32 = 4.5;
 
-/// Or when it still is over what a last round may start with, and the round before took less than this share away: where the
-/// shape is there, every round halves what is too much.
+/// A fit is given up when it is still over the limit of the last round, and the round before
+/// reduced the residual by less than this share. If the shape is present, every round halves the
+/// excess.
 const PROGRESS_MIN: f32 = 0.1;
 
-/// A fit ends with a step that moves no point of the plate farther than this; the next one would be a tenth of it.
+/// A fit ends with a step that moves no point of the plate by more than this; the next step would
+/// be a tenth of it.
 const LAST_STEP_PX: f64 = 0.01;
 
-/// And changes the logarithm of the blur by no more than this.
+/// The last step also changes the logarithm of the blur by no more than this.
 const LAST_STEP_BLUR: f64 = 0.03;
 
-/// The first rounds take pixels together so that a plate has so many blocks across: a few show what is wrong already, and in
-/// what is blurred one sees farther.
+/// The first rounds combine pixels so that a plate is this many blocks across. A few blocks already
+/// show a wrong shape, and a blurred picture has a wider range of convergence.
 const COARSE_ACROSS: f32 = 12.0;
 const COARSE_ROUNDS: usize = 2;
 
-/// From this plate on, pixels are taken together in blocks, so that a plate is never more than twice as many blocks across.
+/// Plates from this size on are fitted to blocks of pixels, so that a plate is never more than
+/// twice this many blocks across.
 pub const PLATE_BINNED_PX: f32 = 80.0;
 
-/// Where a plate is, and how sharp. The plane's pixels, x right, y down; turns from +x towards +y.
+/// Position and sharpness of a plate. Pixels of the plane, x right, y down; angles from +x towards
+/// +y.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// Centre of the plate.
     pub centre: [f32; 2],
-    /// Turn of the drawing.
+    /// Rotation of the drawing.
     pub turn_rad: f32,
-    /// Side of the plate, pixels.
+    /// Side of the plate, in pixels.
     pub plate_px: f32,
-    /// Standard deviation of the lens's blur, pixels. That of the pixel itself comes on top.
+    /// Standard deviation of the lens blur, in pixels, without the blur of the pixel itself.
     pub blur_px: f32,
 }
 
 /// The part of a plane that shows the plate.
 #[derive(Debug, Clone, Copy)]
 pub struct Within<'a> {
-    /// Not 0 where it does, row after row of `bounds`.
+    /// Not 0 where the plane shows the plate, row by row within `bounds`.
     pub mask: &'a [u8],
-    /// Where in the plane the mask lies.
+    /// Position of the mask in the plane.
     pub bounds: Bounds,
 }
 
 impl Within<'_> {
-    /// Whether a pixel lies in it, and so do its neighbours so many pixels away in eight directions.
+    /// Whether a pixel and its neighbours at distance `margin` in eight directions are in the mask.
     fn holds(&self, x: usize, y: usize, margin: usize) -> bool {
         let size = self.bounds.size();
-        // What is left of or above the mask wraps around, and is too large then.
+        // Pixels left of or above the mask wrap around and are then too large.
         let x = x.wrapping_sub(usize::from(self.bounds.left));
         let y = y.wrapping_sub(usize::from(self.bounds.top));
         let holds = |x: usize, y: usize| {
@@ -102,49 +112,51 @@ impl Within<'_> {
 /// What is known before the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
-    /// Noise of a pixel, grey levels.
+    /// Noise of a pixel, in grey levels.
     pub noise: f32,
-    /// How sure the start's blur is: standard deviation of its natural logarithm.
+    /// Standard deviation of the natural logarithm of the initial blur.
     pub blur_ln_sigma: f32,
-    /// The same of its plate.
+    /// Standard deviation of the natural logarithm of the initial plate size.
     pub plate_ln_sigma: f32,
-    /// What a shape that is there leaves at most, besides noise: root mean square, share of the contrast. Fits that will not
-    /// get near to it are given up.
+    /// Maximum residual besides noise if the shape is present: root mean square, as a share of the
+    /// contrast. Fits that will not get near it are given up.
     pub residual_ratio_max: f32,
 }
 
-/// What the pixels say.
+/// Result of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
     /// The pose.
     pub pose: Pose,
     /// Grey level of the bare plate at its centre.
     pub light: f32,
-    /// Grey levels from the shape to the plate.
+    /// Difference between the plate and the shape, in grey levels.
     pub contrast: f32,
-    /// Root of the mean square of what is left, grey levels of a single pixel.
+    /// Root mean square of the residual, in grey levels of a single pixel.
     pub residual: f32,
-    /// Share of the pixels' (or blocks') variation that the shape explains, the rest being noise and what is different: 0 to 1.
+    /// Share of the variation of the pixels (or blocks) that the shape explains, 0 to 1. The rest
+    /// is noise and differences from the shape.
     pub r_squared: f32,
-    /// Pixels, or blocks of them, that counted.
+    /// Number of pixels, or blocks, used.
     pub n: f32,
-    /// Pixels of a block's side: 1 where every pixel counted by itself.
+    /// Side of a block in pixels: 1 if single pixels were used.
     pub block_px: usize,
-    /// Covariance of x, y and turn, for the noise of the prior or the residual, whichever is more.
+    /// Covariance of x, y and turn, from the noise of the prior or the residual, whichever is
+    /// larger.
     pub covariance: [[f32; 3]; 3],
     /// Variance of the logarithm of the blur.
     pub blur_ln_variance: f32,
 }
 
-/// Fits a shape to a plane of grey values: to the whole plate, or to what is `within` a part of the plane.
+/// Fits a shape to a plane of grey values: to the whole plate, or only to the part `within` a mask.
 ///
-/// `None` where the pixels say nothing of the pose (plate outside of the plane, no contrast), lead away from the start, or
-/// clearly show something else.
+/// `None` if the pixels do not determine the pose (plate outside of the plane, no contrast), lead
+/// away from the start, or clearly show something else.
 ///
 /// # Panics
 ///
-/// When `plane` has not `size.area()` values, the mask of `within` not as many as its bounds, or `layers` holds no two whole
-/// layers.
+/// If `plane` does not have `size.area()` values, the mask of `within` does not match its bounds,
+/// or `layers` does not hold at least two whole layers.
 #[must_use]
 pub fn fit_shape(
     plane: &[u8],
@@ -250,7 +262,7 @@ mod tests {
     const FIRST_BLUR: f32 = 0.01;
     const LAYERS: usize = 11;
 
-    /// Rectangles that make up a flag on its pole: left, top, right, bottom in units of the plate.
+    /// Rectangles of a flag on its pole: left, top, right, bottom in units of the plate.
     const FLAG: [[f32; 4]; 2] = [[-0.2, -0.35, -0.05, 0.35], [-0.05, -0.35, 0.3, 0.0]];
 
     /// The error function, to 1e-7 (Abramowitz and Stegun 7.1.26).
@@ -268,7 +280,8 @@ mod tests {
         (1.0 - poly * (-x * x).exp()).copysign(x)
     }
 
-    /// The flag through a Gaussian lens: rectangles are products of two edges in x and two in y.
+    /// The flag through a Gaussian lens: each rectangle is a product of two edges in x and two in
+    /// y.
     fn coverage(u: f32, v: f32, blur: f32) -> f32 {
         let edge = |d: f32| 0.5 * erf(f64::from(d / blur) / 2f64.sqrt());
         let within = |c: f32, from: f32, to: f32| edge(c - from) - edge(c - to);
@@ -296,7 +309,7 @@ mod tests {
         }
     }
 
-    /// A plate in light that grows to the right, before a background of another level.
+    /// A plate in light that increases to the right, on a background of another grey level.
     fn picture(size: Size, pose: &Pose, mut noise: impl FnMut() -> f32) -> Vec<u8> {
         let (sin, cos) = pose.turn_rad.sin_cos();
         let spread = (pose.blur_px * pose.blur_px + PIXEL_VARIANCE).sqrt() / pose.plate_px;
@@ -361,7 +374,7 @@ mod tests {
             assert!(off < 0.01, "{plate_px}: {off} px");
             assert!(turned < 0.03 / plate_px, "{plate_px}: {turned} rad");
             assert!((fit.pose.plate_px / plate_px - 1.0).abs() < 0.01);
-            // The means of blocks say little of a blur that is smaller than a block.
+            // Block means say little about a blur smaller than a block.
             let shows_blur = fit.block_px == 1;
             assert!(
                 !shows_blur || (fit.pose.blur_px - 0.8).abs() < 0.2,
@@ -379,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_as_large_as_the_covariance_says() {
+    fn errors_match_the_covariance() {
         let samples = samples();
         let mut state = 1u64;
         let mut normal = || {
@@ -393,7 +406,8 @@ mod tests {
                 .sum::<f32>()
         };
         let (mut squares, n) = ([0.0; 3], 300);
-        // Products of the errors of place and turn, and what is expected of them, both times the latter.
+        // Products of the errors of position and rotation, and their expected values, both
+        // multiplied by the latter.
         let (mut products, mut expected) = (0.0, 0.0);
         for i in 0..n {
             let truth = Pose {
@@ -426,7 +440,7 @@ mod tests {
                 expected += with_turn * with_turn;
             }
         }
-        // Of 300 errors the mean square is right to 8 %: five times that.
+        // The mean square of 300 errors is accurate to 8 %: allow five times that.
         for square in squares {
             assert!((0.6..1.4).contains(&square), "{squares:?}");
         }
@@ -435,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beside_a_smaller_plate_does_not_count() {
+    fn pixels_beside_a_smaller_plate_do_not_count() {
         let samples = samples();
         let truth = Pose {
             centre: [60.0, 55.0],
@@ -444,7 +458,7 @@ mod tests {
             blur_px: 0.7,
         };
         let mut plane = picture(SIZE, &truth, || 0.0);
-        // Of the plate, only 34 x 34 pixels are there, and not around its centre; the flag is whole.
+        // Only 34 x 34 pixels of the plate are visible, off its centre; the flag is whole.
         let bounds = Bounds {
             left: 43,
             top: 39,
@@ -495,7 +509,7 @@ mod tests {
             fit_shape(&flat, size, None, layers(&samples), outside, &PRIOR),
             None
         );
-        // What is lighter than its plate is no marker.
+        // A shape lighter than its plate is no marker.
         let light: Vec<u8> = picture(size, &pose, || 0.0)
             .iter()
             .map(|g| 255 - g)

@@ -1,11 +1,12 @@
-//! The border between dark and light with a precision better than a pixel.
+//! The border between dark and light, with subpixel precision.
 //!
-//! Grey values are taken as heights at the pixels' centres; the contour is the line at the height of the threshold,
-//! straight between the points where it crosses from one centre to the next (marching squares: Lorensen and Cline 1987, in
-//! two dimensions). A contour of whole pixels moves in steps when the marker moves; this one moves with it.
+//! Grey values are taken as heights at the pixel centres. The contour is the line at the height of
+//! the threshold, straight between the points where it crosses from one centre to the next
+//! (marching squares: Lorensen and Cline 1987, in two dimensions). A contour of whole pixels moves
+//! in steps when the marker moves; this one moves continuously.
 //!
-//! Where the four corners of a cell alternate between dark and light, the line has two ways through it. The mean of the
-//! four decides, so that the way depends on the picture alone.
+//! If the four corners of a cell alternate between dark and light, the line can pass in two ways.
+//! The mean of the four decides, so that the choice depends on the picture alone.
 //!
 //! Cost: bounded by the number of points of the contour.
 
@@ -20,23 +21,25 @@ pub enum IsolineError {
     TooLong,
 }
 
-// Sides of a cell, clockwise; the fourth is the left one.
+// Sides of a cell, clockwise; the fourth is the left.
 const TOP: usize = 0;
 const RIGHT: usize = 1;
 const BOTTOM: usize = 2;
 
-/// Follows, clockwise as seen on the screen, the line around the dark region that `start` belongs to, at the height
-/// `threshold`; dark is below. Returns the points, (x, y) in pixels.
+/// Follows the line at the height `threshold` around the dark region that `start` belongs to,
+/// clockwise as seen on the screen. Dark is below the threshold. Returns the points (x, y) in
+/// pixels.
 ///
-/// `start` must be dark with a light pixel to its left, as the first pixel of a dark region in reading order has.
+/// `start` must be dark with a light pixel to its left, like the first pixel of a dark region in
+/// row-major order.
 ///
 /// # Errors
 ///
-/// [`IsolineError`] when the line leaves the plane or `points` is too short.
+/// [`IsolineError`] if the line leaves the plane or `points` is too short.
 ///
 /// # Panics
 ///
-/// When `plane` has not `size.area()` values, or `start` is not as described.
+/// If `plane` does not have `size.area()` values, or `start` is not as described.
 pub fn follow_isoline<'a>(
     plane: &[u8],
     size: Size,
@@ -54,8 +57,8 @@ pub fn follow_isoline<'a>(
         height(start_x, start_y) < threshold && height(start_x - 1, start_y) >= threshold,
         "the isoline starts at {start:?}, which is not dark with light to its left"
     );
-    // A cell is named by its top left corner. With dark on the right hand the line enters the cell above the first crossing
-    // through that cell's bottom side.
+    // A cell has the coordinates of its top left corner. With dark on the right, the line enters
+    // the cell above the first crossing through that cell's bottom side.
     let first = (start_x - 1, start_y - 1, BOTTOM);
     let (mut x, mut y, mut entry) = first;
     let mut n = 0;
@@ -70,7 +73,7 @@ pub fn follow_isoline<'a>(
             crossing(x, y, entry, corners, threshold);
         n += 1;
         let exit = exit_side(corners, entry, threshold);
-        // Into the neighbour through its opposite side.
+        // The line enters the neighbour through the opposite side.
         entry = (exit + 2) % 4;
         let (next_x, next_y) = match exit {
             TOP => (x, y.wrapping_sub(1)),
@@ -88,15 +91,15 @@ pub fn follow_isoline<'a>(
     }
 }
 
-/// The side through which the line leaves a cell that it entered through `entry`, dark on its right.
+/// The side through which the line leaves a cell entered through `entry`, with dark on its right.
 fn exit_side(corners: [f32; 4], entry: usize, threshold: f32) -> usize {
-    // Corner i is the first one of side i, clockwise. Dark on the right means that the line enters a side from dark to
-    // light and leaves one from light to dark.
+    // Corner i is the first corner of side i, clockwise. With dark on the right, the line enters
+    // through a side from dark to light and leaves through one from light to dark.
     let dark = corners.map(|corner| corner < threshold);
     let leaves = |side: usize| !dark[side] && dark[(side + 1) % 4];
     let (left, straight, right) = ((entry + 1) % 4, (entry + 2) % 4, (entry + 3) % 4);
     if leaves(left) && leaves(right) {
-        // A dark centre joins both dark corners: the line keeps both on its right.
+        // A dark centre joins both dark corners, so the line keeps both on its right.
         let centre = corners.iter().sum::<f32>() / 4.0;
         return if centre < threshold { left } else { right };
     }
@@ -109,7 +112,7 @@ fn exit_side(corners: [f32; 4], entry: usize, threshold: f32) -> usize {
     }
 }
 
-/// Where the line crosses a side of cell (x, y).
+/// Where the line crosses a side of the cell (x, y).
 fn crossing(x: usize, y: usize, side: usize, corners: [f32; 4], threshold: f32) -> [f32; 2] {
     let (from, to) = (corners[side], corners[(side + 1) % 4]);
     let share = (threshold - from) / (to - from);
@@ -128,7 +131,7 @@ mod tests {
     use proptest::prelude::*;
     use std::{vec, vec::Vec};
 
-    /// Twice the signed area: positive when clockwise on the screen, y downwards.
+    /// Twice the signed area: positive if clockwise on the screen, y down.
     fn twice_area(points: &[[f32; 2]]) -> f32 {
         let next = points.iter().cycle().skip(1);
         points
@@ -197,7 +200,8 @@ mod tests {
     }
 
     proptest! {
-        /// A dark disc, its pixels weighted by distance from the rim: the line must be the circle.
+        /// A dark disc whose pixels are weighted by distance from the rim: the line must be the
+        /// circle.
         #[test]
         fn a_disc_is_a_circle(x in 10f32..14.0, y in 10f32..14.0, radius in 3f32..8.0) {
             let size = Size { width: 24, height: 24 };
@@ -220,7 +224,7 @@ mod tests {
             prop_assert!((area - expected).abs() < 0.05 * expected, "area {area}, not {expected}");
         }
 
-        /// On any picture the walk ends: closed, out of the plane, or out of room.
+        /// The walk ends on any picture: closed, outside the plane, or out of space.
         #[test]
         fn every_walk_ends(plane in proptest::collection::vec(0u8..4, 36)) {
             let size = Size { width: 6, height: 6 };

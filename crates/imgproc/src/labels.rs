@@ -1,7 +1,7 @@
-//! From differences to labels of pixels: floor, shadow, object (section 2.1.1 of the paper).
+//! Labels pixels by their differences: floor, shadow, object (section 2.1.1 of the paper).
 //!
-//! As in the paper, the sum of the differences in the 3x3 window decides, and not the pixel alone: differences keep their
-//! signs, so that noise cancels and an object does not.
+//! As in the paper, the sum of the differences in the 3x3 window decides, not the single pixel.
+//! Differences keep their signs, so noise cancels and objects do not.
 //!
 //! | the window is | and | label |
 //! | --- | --- | --- |
@@ -10,44 +10,45 @@
 //! | darker | of the floor's colour, by a factor that shade explains | [`SHADE`] |
 //! | darker | of the floor's colour, by more than that | [`BLACK`] |
 //!
-//! The light in a shadow comes from elsewhere and has another colour than the light that is missing: a difference of colour in
-//! proportion to the darkness is therefore none.
+//! The light in a shadow comes from other sources and differs in colour from the missing light. So
+//! a difference in colour is ignored if it is in proportion to the darkening.
 //!
-//! A weak difference belongs to an object only near a strong one: the labels of objects come in both strengths.
+//! A weak difference belongs to an object only near a strong one, so object labels have two
+//! strengths.
 //!
-//! Cost: four passes, about forty operations a pixel.
+//! Cost: four passes, about forty operations per pixel.
 
 use crate::difference::PARTS;
 use crate::window::map_3x3;
 use crate::{Size, assert_len};
 
-/// Nothing stands there.
+/// The empty floor.
 pub const FLOOR: u8 = 0;
-/// Darker than the floor, and no more than a shadow is.
+/// Darker than the floor, but no darker than a shadow.
 pub const SHADE: u8 = 1;
-/// Brighter than the floor, not of another colour.
+/// Brighter than the floor, of the same colour.
 pub const BRIGHT: u8 = 2;
-/// Darker than a shadow, not of another colour.
+/// Darker than a shadow, of the floor's colour.
 pub const BLACK: u8 = 3;
-/// Of another colour than the floor.
+/// Of a different colour than the floor.
 pub const COLOURED: u8 = 4;
-/// Added to [`BRIGHT`], [`BLACK`] and [`COLOURED`] where the difference is a strong one.
+/// Added to [`BRIGHT`], [`BLACK`] and [`COLOURED`] where the difference is strong.
 pub const STRONG: u8 = 8;
 
-/// Where the labels end. Differences are means over the window, in units of the noise.
+/// Thresholds of the labels. Differences are means over the window, in units of the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LabelSettings {
-    /// Less than this is noise.
+    /// Smaller differences are noise.
     pub weak: f32,
-    /// An object has at least this somewhere.
+    /// An object has at least this difference somewhere.
     pub strong: f32,
-    /// A shadow leaves at least this share of the light.
+    /// A shadow keeps at least this share of the light.
     pub shadow_min: f32,
-    /// What a shadow may change in colour, as a share of what it changes in lightness.
+    /// Maximum change of colour in a shadow, as a share of its change in lightness.
     pub shadow_tint: f32,
 }
 
-/// Differences of a frame from the floor, see [`difference`](crate::difference::DifferenceMut).
+/// Differences of a frame from the floor; see [`DifferenceMut`](crate::difference::DifferenceMut).
 #[derive(Debug, Clone, Copy)]
 pub struct Difference<'a> {
     /// Brighter or darker.
@@ -60,7 +61,7 @@ pub struct Difference<'a> {
     pub level: &'a [u16],
 }
 
-/// Scratch of [`label_pixels`]: three planes, which may hold anything.
+/// Scratch of [`label_pixels`]: three planes of arbitrary content.
 #[derive(Debug)]
 pub struct WindowsMut<'a> {
     /// Of lightness.
@@ -71,12 +72,13 @@ pub struct WindowsMut<'a> {
     pub blue: &'a mut [i16],
 }
 
-/// Writes the label of each pixel, and to `own` how much the pixel itself differs, in halves of the noise. Outside the picture
-/// the border is repeated. `floor_level` is that of the [`Reference`](crate::difference::Reference).
+/// Writes the label of each pixel, and to `own` the difference of the pixel itself, in halves of
+/// the noise. Outside the picture the border is repeated. `floor_level` is that of the
+/// [`Reference`](crate::difference::Reference).
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub fn label_pixels(
     difference: Difference<'_>,
     floor_level: &[u16],
@@ -94,10 +96,10 @@ pub fn label_pixels(
     assert_len("floor_level", floor_level.len(), size);
     assert_len("out", out.len(), size);
     assert_len("own", own.len(), size);
-    // Of sums over nine pixels.
+    // Thresholds for the sum over nine pixels.
     let in_sum = |noise: f32| (noise * 9.0 * f32::from(PARTS)).min(32767.0) as i16;
     let (weak, strong) = (in_sum(settings.weak), in_sum(settings.strong));
-    // A pixel whose window is an object's but which is floor itself lies beside one.
+    // A pixel is only next to an object if its window is an object's but the pixel itself is floor.
     let weak_own = (settings.weak * f32::from(PARTS)).min(32767.0) as i16;
     let tint = (settings.shadow_tint.clamp(0.0, 1.0) * 256.0) as i32;
     let min = (settings.shadow_min.clamp(0.0, 1.0) * 65535.0) as u32;
@@ -147,7 +149,7 @@ pub fn label_pixels(
     }
 }
 
-/// Length of a vector of chromaticity: its longest of the three components red, green and blue.
+/// Length of a chromaticity vector: the largest of its components red, green and blue.
 #[inline(always)]
 fn chroma(red: i16, blue: i16) -> i16 {
     let green = red.saturating_add(blue);
@@ -156,7 +158,7 @@ fn chroma(red: i16, blue: i16) -> i16 {
         .max(green.saturating_abs())
 }
 
-/// Sum of the 3x3 window. Differences are at most 3200, so that nine of them fit.
+/// Sum over the 3x3 window. Differences are at most 3200, so nine of them fit.
 fn window_sum(plane: &[i16], size: Size, out: &mut [i16]) {
     let sum = |a: i16, b: i16, c: i16| a + b + c;
     map_3x3(plane, size, out, sum, sum);
@@ -178,8 +180,8 @@ mod tests {
         shadow_tint: 0.1,
     };
 
-    /// The label in the middle of a 5x5 square that differs by (light, red, blue) from a floor of level 6000, and of the pixel
-    /// next to the square.
+    /// The labels in the middle of a 5x5 square that differs by (light, red, blue) from a floor of
+    /// level 6000, and of the pixel next to the square.
     fn label_of([light, red, blue]: [i16; 3], level: u16) -> (u8, u8) {
         let square = |value: i16, outside: i16| {
             let mut plane = vec![outside; SIZE.area()];
@@ -227,7 +229,7 @@ mod tests {
             (COLOURED + STRONG, FLOOR)
         );
         assert_eq!(label_of([0, 0, -3 * noise], 6000), (COLOURED, FLOOR));
-        // Green is minus red and blue together.
+        // Green is minus the sum of red and blue.
         assert_eq!(
             label_of([0, 3 * noise, 3 * noise], 6000).0,
             COLOURED + STRONG

@@ -1,26 +1,28 @@
 //! Pixels in; masks, thresholds, shapes and contours out (sections 2.1 and 2.2.1 of the paper).
 //!
-//! The modules stand in the order in which a frame passes through them:
+//! The modules in the order in which a frame passes through them:
 //!
-//! 1. [`background`] learns the picture of the empty floor from frames on which objects may move, and [`noise`] how much it
-//!    changes from frame to frame;
+//! 1. [`background`] learns the picture of the empty floor from frames in which objects may move,
+//!    and [`noise`] learns how much it changes from frame to frame;
 //! 2. [`median`] removes the noise of single pixels;
-//! 3. [`light`] measures how bright the light is, [`difference`] compares a frame with the floor in it, in units of noise;
-//! 4. [`labels`] tells objects from shadows and from floor, [`texture`] judges where the difference alone cannot;
+//! 3. [`light`] measures the brightness of the light, [`difference`] compares a frame with the
+//!    floor in that light, in units of noise;
+//! 4. [`labels`] separates objects, shadows and floor, [`texture`] decides where the difference
+//!    alone cannot;
 //! 5. [`morphology`] removes specks from the mask and closes its gaps;
-//! 6. [`contour`] finds the shapes of the mask and walks around them;
+//! 6. [`contour`] finds the shapes in the mask and follows their contours;
 //! 7. [`split`] divides the pixels of one shape into light and dark;
-//! 8. [`isoline`] follows the border between them with a precision better than a pixel;
-//! 9. [`fit`] brings the picture of a known shape over it, with all pixels and a better one still.
+//! 8. [`isoline`] follows the border between them with subpixel precision;
+//! 9. [`fit`] aligns the picture of a known shape with all pixels, which is more precise still.
 //!
-//! All are plain functions over borrowed slices: inputs, then outputs and scratch, then settings. Nothing here allocates,
-//! keeps state from call to call, or knows of cameras and markers.
+//! All are plain functions over borrowed slices: inputs, then outputs and scratch, then settings.
+//! Nothing here allocates, keeps state between calls, or knows about cameras and markers.
 //!
 //! # Pictures
 //!
-//! A plane is a slice of [`Size::area`] values, row after row, the top row first; x grows to the right, y downwards, and
-//! the centre of the top left pixel is (0, 0). A mask is a plane of bytes, 1 for object and 0 for floor. Slices of any
-//! other length are a mistake of the caller and panic.
+//! A plane is a slice of [`Size::area`] values, row by row from the top; x points right, y down,
+//! and the centre of the top left pixel is (0, 0). A mask is a plane of bytes, 1 for object and 0
+//! for floor. Slices of any other length are the caller's mistake and cause a panic.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -58,7 +60,7 @@ impl Size {
         self.width * self.height
     }
 
-    /// The rectangle of a whole picture of this size, which has pixels.
+    /// The bounds of a whole picture of this size, which must not be empty.
     #[must_use]
     pub const fn bounds(self) -> Bounds {
         Bounds {
@@ -79,7 +81,7 @@ pub struct Point {
     pub y: u16,
 }
 
-/// A rectangle of pixels, borders included.
+/// A rectangle of pixels, borders inclusive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Bounds {
     /// Leftmost column.
@@ -104,7 +106,7 @@ impl Bounds {
         }
     }
 
-    /// The same rectangle, grown as far as needed to hold `point`.
+    /// The smallest rectangle that contains this one and `point`.
     #[must_use]
     pub fn with(self, point: Point) -> Self {
         Self {
@@ -115,7 +117,7 @@ impl Bounds {
         }
     }
 
-    /// The same rectangle with `margin` more pixels on each side, as far as the picture reaches.
+    /// The same rectangle with `margin` more pixels on each side, limited to the picture.
     #[must_use]
     pub fn grown(self, margin: u16, size: Size) -> Self {
         Self {
@@ -129,7 +131,7 @@ impl Bounds {
         }
     }
 
-    /// The same rectangle, `right` columns and `down` rows further.
+    /// The same rectangle, moved by `right` columns and `down` rows.
     #[must_use]
     pub const fn moved(self, right: u16, down: u16) -> Self {
         Self {
@@ -154,7 +156,8 @@ impl Bounds {
 ///
 /// # Panics
 ///
-/// When `plane` has not `size.area()` values, `out` not `bounds.size().area()`, or the rectangle reaches out of the plane.
+/// If `plane` does not have `size.area()` values, `out` not `bounds.size().area()`, or the
+/// rectangle exceeds the plane.
 pub fn crop<T: Copy>(plane: &[T], size: Size, bounds: Bounds, out: &mut [T]) {
     assert_len("plane", plane.len(), size);
     let cut = bounds.size();
@@ -165,7 +168,7 @@ pub fn crop<T: Copy>(plane: &[T], size: Size, bounds: Bounds, out: &mut [T]) {
     }
 }
 
-/// The one check of all functions: a slice fits its size.
+/// The check that all functions share: a slice matches its size.
 #[track_caller]
 fn assert_len(name: &str, len: usize, size: Size) {
     assert!(

@@ -1,30 +1,31 @@
 //! How much brighter or dimmer the light is than in the picture of the floor.
 //!
-//! Objects cover less than half of what a camera sees, so the median of the pixels' ratios to the floor is that of the light. A
-//! camera's automatic exposure and white balance are the same thing: a factor a channel.
+//! Objects cover less than half of the picture, so the median of the pixels' ratios to the floor is
+//! that of the light. A camera's automatic exposure and white balance act in the same way: one
+//! factor per channel.
 
-/// Pixels of the floor that are darker say nothing about the light.
+/// Darker pixels of the floor carry no information about the light.
 const DARKEST: u16 = 16;
 
-/// Pixels that the camera cut off at white say nothing either, but where the floor was cut off too: there the light is as it was, or
-/// as good as.
+/// Clipped pixels carry no information either, except where the floor was clipped too: there the
+/// light is about the same.
 const BRIGHTEST: u8 = 250;
 
-/// Ratios fall into bins of this many a unit.
+/// Bins per unit of the ratio.
 const BINS_PER_UNIT: u32 = 256;
 
-/// Ratios from 8 on share a bin.
+/// Ratios of 8 and more share a bin.
 const BINS: usize = 8 * BINS_PER_UNIT as usize + 1;
 
-/// Fewest pixels that make a median.
+/// Minimum number of pixels for a median.
 const PIXELS_MIN: u32 = 64;
 
-/// The median ratio of a channel to the floor's, over every `stride`th pixel at which `skip` is 0. `floor` is in 256ths of a level.
-/// `None` when there are too few pixels to tell from.
+/// The median ratio of a channel to the floor's, over every `stride`th pixel where `skip` is 0.
+/// `floor` is in 256ths of a grey level. `None` if there are too few pixels.
 ///
 /// # Panics
 ///
-/// When the slices differ in length or `stride` is 0.
+/// If the slices differ in length or `stride` is 0.
 #[must_use]
 pub fn channel_gain(channel: &[u8], floor: &[u16], skip: &[u8], stride: usize) -> Option<f32> {
     assert!(
@@ -43,7 +44,7 @@ pub fn channel_gain(channel: &[u8], floor: &[u16], skip: &[u8], stride: usize) -
         if skip != 0 || floor < DARKEST * 256 || cut_off && !floor_cut_off {
             continue;
         }
-        // Rounded to the middle of a level, so that dark pixels are not biased.
+        // Rounded to the middle of a grey level, so that dark pixels are not biased.
         let ratio = match cut_off {
             true => BINS_PER_UNIT,
             false => u32::from(channel) * 256 * BINS_PER_UNIT / u32::from(floor),
@@ -93,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_floor_as_white_as_can_be_is_in_the_light_it_was_in() {
+    fn a_clipped_white_floor_has_unchanged_light() {
         let floor = [255 * 256; 1000];
         let mut frame = [255u8; 1000];
         frame[..300].fill(20);
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_pixels_tell_nothing() {
+    fn too_few_pixels_give_no_result() {
         assert_eq!(channel_gain(&[100; 70], &[25_600; 70], &[1; 70], 1), None);
     }
 }

@@ -1,18 +1,20 @@
 //! 3x3 median: removes the noise of single pixels and keeps edges (section 2.1.1 of the paper).
 //!
-//! Each column of the window is sorted; the median of nine is then the median of the greatest low, the middle mid and the
-//! smallest high. With minimum and maximum as the only operations the loop has no branches.
+//! Each column of the window is sorted. The median of nine is the median of the largest low, the
+//! middle mid and the smallest high. Minimum and maximum are the only operations, so the loop has
+//! no branches.
 //!
-//! Cost: one pass, about 20 operations a pixel on as many pixels at once as a vector register holds.
+//! Cost: one pass, about 20 operations per pixel, vectorised.
 
 use crate::Size;
 use crate::window::{PADDED, for_each_block};
 
-/// Writes to `out` the median of the 3x3 window around each pixel. Outside the picture the border is repeated.
+/// Writes the median of the 3x3 window around each pixel to `out`. Outside the picture the border
+/// is repeated.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 ///
 /// # Example
 ///
@@ -46,7 +48,7 @@ fn sorted(a: u8, b: u8, c: u8) -> (u8, u8, u8) {
     (low.min(c), low.max(high.min(c)), high.max(c))
 }
 
-/// The middle one of three values.
+/// The median of three values.
 fn median(a: u8, b: u8, c: u8) -> u8 {
     a.min(b).max(a.max(b).min(c))
 }

@@ -1,8 +1,9 @@
-//! Opening and closing of a mask in 3x3 windows (section 2.1.1 of the paper).
+//! Opening and closing of a mask with 3x3 windows (section 2.1.1 of the paper).
 //!
-//! Pixels outside the picture neither erode nor dilate, so that an object at the border keeps its full extent.
+//! Pixels outside the picture neither erode nor dilate, so an object at the border keeps its full
+//! extent.
 //!
-//! Cost: two passes each for opening and closing, four operations a pixel and pass.
+//! Cost: two passes each for opening and closing, four operations per pixel and pass.
 
 use crate::Size;
 use crate::window::map_3x3;
@@ -11,7 +12,7 @@ use crate::window::map_3x3;
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub fn erode_3x3(mask: &[u8], size: Size, out: &mut [u8]) {
     let and = |a: u8, b: u8, c: u8| a & b & c;
     map_3x3(mask, size, out, and, and);
@@ -21,29 +22,29 @@ pub fn erode_3x3(mask: &[u8], size: Size, out: &mut [u8]) {
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub fn dilate_3x3(mask: &[u8], size: Size, out: &mut [u8]) {
     let or = |a: u8, b: u8, c: u8| a | b | c;
     map_3x3(mask, size, out, or, or);
 }
 
-/// Erosion, then dilation: removes everything that holds no 3x3 square. The result replaces `mask`; `scratch` may hold
-/// anything.
+/// Erosion, then dilation: removes everything that does not contain a 3x3 square. Overwrites
+/// `mask`; `scratch` may have any content.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub fn open_3x3(mask: &mut [u8], size: Size, scratch: &mut [u8]) {
     erode_3x3(mask, size, scratch);
     dilate_3x3(scratch, size, mask);
 }
 
-/// Dilation, then erosion: fills every gap that holds no 3x3 square. The result replaces `mask`; `scratch` may hold
-/// anything.
+/// Dilation, then erosion: fills every gap that does not contain a 3x3 square. Overwrites `mask`;
+/// `scratch` may have any content.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub fn close_3x3(mask: &mut [u8], size: Size, scratch: &mut [u8]) {
     dilate_3x3(mask, size, scratch);
     erode_3x3(scratch, size, mask);
@@ -100,7 +101,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn erosion_and_dilation_equal_the_window_spelled_out((size, mask) in naive::planes(1)) {
+        fn erosion_and_dilation_equal_the_naive_window((size, mask) in naive::planes(1)) {
             let mut out = std::vec![0xa5; size.area()];
             erode_3x3(&mask, size, &mut out);
             prop_assert_eq!(&out, &naive::map_3x3(&mask, size, |w| w.into_iter().min().unwrap_or(0)));

@@ -1,42 +1,49 @@
-//! How much a pixel of the empty floor changes from frame to frame, learned from the frames that gave its median.
+//! How much a pixel of the empty floor changes from frame to frame, learned from the same frames as
+//! the median.
 //!
 //! # Method
 //!
-//! For each pixel the variance over the frames in which it is near its median. Near is: not farther away than four times the
-//! median of the distances from it (the median absolute deviation), and two grey levels. What covers a pixel for less than half of the
-//! time and differs from it by more does not count. Of Gaussian noise the limit is at 2.7 standard deviations and two grey levels; without what lies
-//! behind, the standard deviation comes out up to 5 % too low. The two grey levels keep the limit off noise of less than a grey
-//! level, whose median distance is 0. Where something covers a pixel for a fifth of the time, the
-//! limit is at 4 to 6 standard deviations; for two fifths, it moves the median too, and the limit is at 8 on average and at 13 in some pixels.
+//! The variance of each pixel over the frames in which it is near its median. Near means within
+//! four times the median of the distances from it (the median absolute deviation) plus two grey
+//! levels. Whatever covers a pixel for less than half of the time and differs from it by more does
+//! not count. For Gaussian noise the limit is at 2.7 standard deviations plus two grey levels;
+//! cutting off the tails makes the standard deviation up to 5 % too low. The two grey levels keep
+//! the limit away from noise below one grey level, whose median distance is 0. If something covers
+//! a pixel for a fifth of the time, the limit is at 4 to 6 standard deviations; for two fifths, it
+//! moves the median too, and the limit is at 8 on average and at 13 in some pixels.
 //!
-//! The variance is taken about the mean of the near values, not about the median: the median is a whole number, and on a quiet floor half a grey
-//! level beside the mean is as much as the noise. The rounding of a camera to whole grey levels is part of what is measured
-//! and adds 1/12 to the variance.
+//! The variance is about the mean of the near values, not about the median. The median is a whole
+//! number, and on a quiet floor an offset of half a grey level is as much as the noise. The
+//! camera's rounding to whole grey levels is part of what is measured and adds 1/12 to the
+//! variance.
 //!
-//! The variance of one pixel over 24 frames has a standard error of 30 %. [`mean_3x3`] of the standard deviations brings it to a few
-//! percent, at the price that a border between a quiet and a noisy floor is blurred by a pixel.
+//! The variance of one pixel over 24 frames has a standard error of 30 %. [`mean_3x3`] of the
+//! standard deviations reduces it to a few percent, but blurs the border between a quiet and a
+//! noisy floor by a pixel.
 //!
-//! Deliberately absent: a covariance of the colours. A camera's sharpening and its chroma subsampling make them depend on each other, but not
-//! enough to pay for six numbers a pixel.
+//! Deliberately absent: a covariance of the colours. A camera's sharpening and chroma subsampling
+//! correlate them, but not enough to justify six numbers per pixel.
 
 use crate::window::{BLOCK, map_3x3};
 use crate::{Size, assert_len};
 
-/// Bits of the median distance: with 31 or more the standard deviation is above 46 grey levels, and no longer noise.
+/// Bits of the median distance. With 31 or more the standard deviation is above 46 grey levels and
+/// no longer noise.
 const DISTANCE_BITS: u32 = 5;
 
-/// How many times the median distance, and how many grey levels above that, a value may be away from the median.
+/// Limit of the distance from the median: a factor of the median distance, and grey levels on top.
 const NEAR: (u8, u8) = (4, 2);
 
-/// Adds to `variance` the variance of each pixel over the frames in which it is near its median, in square grey levels. One
-/// that is near in one frame alone adds nothing.
+/// Adds to `variance` the variance of each pixel over the frames in which it is near its median, in
+/// square grey levels. A pixel that is near in only one frame adds nothing.
 ///
 /// `frames` holds the planes one after the other, each as long as `median`, which
-/// [`median_of_frames`](crate::background::median_of_frames) has made of them.
+/// [`median_of_frames`](crate::background::median_of_frames) computed from them.
 ///
 /// # Panics
 ///
-/// When `variance` is not as long as `median`, or `frames` holds no plane, more than 255, or not a whole number of them.
+/// If `variance` is not as long as `median`, or `frames` holds no plane, more than 255, or not a
+/// whole number of them.
 pub fn add_variance(frames: &[u8], median: &[u8], variance: &mut [f32]) {
     let area = median.len();
     assert!(
@@ -73,7 +80,8 @@ pub fn add_variance(frames: &[u8], median: &[u8], variance: &mut [f32]) {
     }
 }
 
-/// How far away from the median the values of one block count. The median distance is found bit by bit, as the median itself.
+/// Maximum distance from the median for the values of one block. The median distance is found bit
+/// by bit, like the median itself.
 fn limits<'a>(
     planes: impl Iterator<Item = &'a [u8]> + Clone,
     median: &[u8],
@@ -99,32 +107,35 @@ fn limits<'a>(
     distance.map(|distance| NEAR.0 * distance + NEAR.1)
 }
 
-/// Writes to `out` the mean of the 3x3 window around each pixel, rounded. Outside the picture the border is repeated.
+/// Writes the rounded mean of the 3x3 window around each pixel to `out`. Outside the picture the
+/// border is repeated.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub fn mean_3x3(plane: &[u8], size: Size, out: &mut [u8]) {
     let down = |above, here, below| u16::from(above) + u16::from(here) + u16::from(below);
     let across = |left: u16, mid: u16, right: u16| ((left + mid + right + 4) / 9) as u8;
     map_3x3(plane, size, out, down, across);
 }
 
-/// Red, green and blue as the eye weighs them for brightness (BT.601).
+/// Weights of red, green and blue for brightness (BT.601).
 const BRIGHTNESS: [f32; 3] = [0.299, 0.587, 0.114];
 
-/// Pixels that are asked for the noise of a frame, about.
-const ASKED: usize = 3000;
+/// Approximate number of pixels sampled for the noise of a frame.
+const SAMPLES: usize = 3000;
 
-/// Standard deviation of a single frame's noise in brightness, grey levels.
+/// Standard deviation of a single frame's brightness noise, in grey levels.
 ///
-/// `frame` holds red, green and blue, `floor` the same of the empty floor in 256ths of a level, each of which is `gains` times
-/// as bright in the frame. Measured is how much a pixel differs from its eight neighbours (the second difference in x of that
-/// in y, as of Immerkær 1996), less what the floor explains: the median over the picture, of which objects are a small part.
+/// `frame` holds red, green and blue. `floor` is the same of the empty floor, in 256ths of a grey
+/// level; each channel is `gains` times as bright in the frame. Measures how much a pixel differs
+/// from its eight neighbours (the second difference in x of that in y; Immerkær 1996), minus the
+/// part that the floor explains. The median over the picture is used, since objects cover only a
+/// small part of it.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 #[must_use]
 pub fn frame_noise(frame: [&[u8]; 3], floor: [&[u16]; 3], gains: [f32; 3], size: Size) -> f32 {
     for (frame, floor) in frame.iter().zip(floor) {
@@ -138,8 +149,8 @@ pub fn frame_noise(frame: [&[u8]; 3], floor: [&[u16]; 3], gains: [f32; 3], size:
     const STEPS_PER_LEVEL: f32 = 2.0;
     let mut counts = [0u32; 1024];
     let mut n = 0;
-    let step = (size.area() / ASKED).max(1);
-    // A step that shares no divisor with the width would be better still; borders are passed over.
+    let step = (size.area() / SAMPLES).max(1);
+    // A step coprime to the width would be better still; borders are skipped.
     for i in (width + 1..size.area() - width - 1).step_by(step) {
         let x = i % width;
         if x == 0 || x == width - 1 {
@@ -161,7 +172,8 @@ pub fn frame_noise(frame: [&[u8]; 3], floor: [&[u16]; 3], gains: [f32; 3], size:
     for (bin, &count) in counts.iter().enumerate() {
         if 2 * (below + count) >= n && count > 0 {
             let share = (n as f32 / 2.0 - below as f32) / count as f32;
-            // Of Gaussian noise the median distance is 0.6745 deviations, and the squares of the nine weights add up to 36.
+            // For Gaussian noise the median distance is 0.6745 deviations, and the squares of the
+            // nine weights add up to 36.
             return (bin as f32 + share) / STEPS_PER_LEVEL / (0.6745 * 6.0);
         }
         below += count;
@@ -177,7 +189,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// The same, spelled out for one pixel.
+    /// The same, written naively for one pixel.
     fn naive_variance(values: &[u8]) -> f32 {
         let middle = |values: &mut Vec<u8>| {
             values.sort_unstable();
@@ -229,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_passes_is_not_noise() {
+    fn passing_objects_are_not_noise() {
         // 109, 110 and 111 on the floor, and an object for two of five frames.
         assert_eq!(variances(&[109, 200, 110, 200, 111], 1), [1.0]);
         assert_eq!(variances(&[109, 20, 110, 20, 111], 1), [1.0]);
@@ -251,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_shows_its_noise_and_not_the_texture_of_the_floor() {
+    fn the_noise_of_a_frame_excludes_the_texture_of_the_floor() {
         let size = Size {
             width: 200,
             height: 150,
@@ -267,7 +279,8 @@ mod tests {
                 })
                 .sum::<f32>()
         };
-        // A floor that goes up and down by 60 levels from pixel to pixel, seen in four fifths of its light.
+        // A floor that alternates by 60 grey levels from pixel to pixel, in four fifths of its
+        // light.
         let floor: std::vec::Vec<u16> = (0..size.area())
             .map(|i| (120 + 60 * (i % 2) as u16) * 256)
             .collect();

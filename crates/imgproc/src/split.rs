@@ -1,16 +1,17 @@
-//! Light and dark pixels of a cut-out, told apart by its histogram (section 2.2.1 of the paper).
+//! Separates light and dark pixels of a cut-out by its histogram (section 2.2.1 of the paper).
 //!
-//! Two Gaussians are fitted to the histogram iteratively; the threshold is half-way between their centres. Because only the
-//! centres are wanted and half-way is the border, each round divides the pixels at the threshold and takes the mean of
-//! either side as the next centre. The threshold can only move in one direction from round to round, so that the rounds
-//! end (the method of Ridler and Calvard, "Picture thresholding using an iterative selection method", 1978).
+//! Two Gaussians are fitted to the histogram iteratively; the threshold is half-way between their
+//! centres. Only the centres are needed and the border is half-way, so each round divides the
+//! pixels at the threshold and takes the mean of each side as the next centre. The threshold moves
+//! in only one direction, so the rounds end (Ridler and Calvard, "Picture thresholding using an
+//! iterative selection method", 1978).
 //!
-//! Half-way between the two levels is also where an ideal edge crosses a pixel's area: a contour at this threshold does
-//! not move when the light changes or the picture is blurred evenly.
+//! Half-way between the two levels is also where an ideal edge crosses a pixel's area, so a contour
+//! at this threshold does not move with changes of light or even blur.
 //!
-//! Cost: one pass over the pixels, then at most 256 steps a round.
+//! Cost: one pass over the pixels, then at most 256 steps per round.
 
-/// How many pixels have each of 256 intensities.
+/// Number of pixels of each of 256 intensities.
 pub type Histogram = [u32; 256];
 
 /// Two levels of intensity and the border between them.
@@ -20,27 +21,28 @@ pub struct Split {
     pub dark: f32,
     /// Mean of the light pixels.
     pub light: f32,
-    /// Half-way between them: pixels below are dark.
+    /// Half-way between them. Pixels below are dark.
     pub threshold: f32,
 }
 
-/// Counts the pixels that `mask` selects.
+/// Counts the pixels selected by `mask`.
 ///
 /// # Panics
 ///
-/// When `plane` and `mask` differ in length.
+/// If `plane` and `mask` differ in length.
 #[must_use]
 pub fn histogram(plane: &[u8], mask: &[u8]) -> Histogram {
     assert_eq!(plane.len(), mask.len(), "plane and mask differ in length");
     let mut histogram = [0; 256];
     for (&value, &selected) in plane.iter().zip(mask) {
-        // Adding the mask instead of asking it: no branch to mispredict.
+        // Adding the mask instead of testing it: no branch to mispredict.
         histogram[usize::from(value)] += u32::from(selected);
     }
     histogram
 }
 
-/// Divides a histogram into light and dark; `None` when there are fewer than two different intensities.
+/// Divides a histogram into light and dark. `None` if there are fewer than two different
+/// intensities.
 #[must_use]
 pub fn split(histogram: &Histogram) -> Option<Split> {
     let first = histogram.iter().position(|&n| n > 0)?;
@@ -48,7 +50,8 @@ pub fn split(histogram: &Histogram) -> Option<Split> {
     if first == last {
         return None;
     }
-    // Start between the extremes, not at the mean: a small marker on a large plate must not be outvoted.
+    // Start between the extremes, not at the mean, where a large plate would outweigh a small
+    // marker.
     let mut threshold = (first + last) as f32 / 2.0;
     for _ in 0..histogram.len() {
         let (dark, light) = means(histogram, threshold);
@@ -70,8 +73,8 @@ pub fn split(histogram: &Histogram) -> Option<Split> {
     })
 }
 
-/// Mean intensity below the threshold and from it on. Both sides hold pixels as long as the threshold lies between the
-/// smallest and the greatest intensity.
+/// Mean intensities below the threshold and from it on. Both sides hold pixels as long as the
+/// threshold is between the smallest and the largest intensity.
 fn means(histogram: &Histogram, threshold: f32) -> (f32, f32) {
     let mut counts = [0u64; 2];
     let mut sums = [0u64; 2];

@@ -1,58 +1,63 @@
-//! Light and shadow let the floor's texture show through, objects hide it.
+//! Light and shadow let the floor's texture show through; objects hide it.
 //!
-//! A shadow, a patch of sun and a lamp multiply the floor by something that hardly changes from pixel to pixel. So the fine
-//! texture of the frame should be that of the floor, times the ratio of brightness; where an object stands, it is the
-//! object's own or none. [`visibility`] is the share of the floor's texture that is found in the frame: about 1 for light and
-//! shadow, about 0 for an object. It needs a floor with a texture above the noise, and says how sure it is.
+//! A shadow, a patch of sun and a lamp multiply the floor by a factor that hardly changes from
+//! pixel to pixel. So the fine texture of the frame should be that of the floor times the ratio of
+//! brightness. An object has its own texture or none. [`visibility`] is the share of the floor's
+//! texture found in the frame: about 1 for light and shadow, about 0 for an object. It needs a
+//! floor with a texture above the noise, and it reports its confidence.
 //!
 //! # Method
 //!
-//! Texture is a pixel minus the mean of the four at a distance of two: a gradient of light leaves nothing in it. Over a 21x21
-//! window, with `t` the frame's texture, `t₀` the floor's and `s` the ratio of the windows' brightness, the visibility is
-//! `Σ t t₀ / (s Σ t₀²)`: least squares for the factor of the floor's texture, divided by the factor that light would give.
+//! Texture is a pixel minus the mean of the four pixels at a distance of two, which removes
+//! gradients of light. Over a 21x21 window, with `t` the frame's texture, `t₀` the floor's and `s`
+//! the ratio of the windows' brightness, the visibility is `Σ t t₀ / (s Σ t₀²)`: the least-squares
+//! factor of the floor's texture, divided by the factor expected from the light.
 //!
-//! Edges would outweigh all texture, and a black robot stands beside its black shadow. So only pixels count whose ratio of
-//! brightness to the floor's is that of the pixel in question within a fifth (as in a bilateral filter), and of which none of the
-//! four others lies across an edge. The ratios compared are means of 3x3 pixels: single ones would favour pixels
-//! whose texture is that of the floor by chance.
+//! Edges would outweigh all texture, and a black robot is next to its black shadow. So a pixel
+//! counts only if its ratio of brightness to the floor is within a fifth of that of the pixel in
+//! question (as in a bilateral filter), and none of its four neighbours lies across an edge. The
+//! ratios compared are means of 3x3 pixels, since single ones would favour pixels that match the
+//! floor's texture by chance.
 //!
-//! Cost: about fifty operations for each pixel that is looked at, and a thousand for each place asked about.
+//! Cost: about fifty operations for each pixel prepared, and a thousand for each place queried.
 
 use crate::{Size, assert_len};
 
-/// The window reaches so far from its centre.
+/// Half-size of the window.
 const REACH: usize = 10;
 
 /// Distance of the pixels whose mean is subtracted.
 const STEP: usize = 2;
 
-/// Fewest pixels that tell something.
+/// Minimum number of pixels for a result.
 const PIXELS_MIN: u32 = 12;
 
 /// Ratios are in this many parts.
 const RATIO_ONE: u32 = 1024;
 
-/// The steps in which levels come, as a standard deviation: sum of the channels in sixteenths of a level.
+/// Standard deviation of the quantisation of levels: sum of the channels in sixteenths of a grey
+/// level.
 const STEPS: f32 = 8.0;
 
-/// Texture is expected to be seen as if noise had at least this standard deviation, two levels: compression takes fainter texture away.
+/// Minimum standard deviation of noise assumed for the expected visibility, two grey levels:
+/// compression removes fainter texture.
 const NOISE_MIN: f32 = 96.0;
 
-/// What is seen of the floor's texture in one place.
+/// Visibility of the floor's texture at one place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
     /// Share of the floor's texture that shows through, about 0 to 1.
     pub share: f32,
-    /// The share in units of its standard deviation: from 4 on it is hardly by chance.
+    /// The share in units of its standard deviation. From 4 on it is hardly a coincidence.
     pub seen: f32,
-    /// What `seen` would be if all of the texture showed through: less than 4 tells nothing.
+    /// The value of `seen` if all of the texture showed through. Less than 4 is not conclusive.
     pub visible: f32,
 }
 
-/// Planes of what [`visibility`] compares, to be written.
+/// Planes that [`visibility`] compares, to be written.
 #[derive(Debug)]
 pub struct TexturesMut<'a> {
-    /// Brightness by that of the floor, in 1024ths; 0 where a pixel does not count.
+    /// Ratio of brightness to the floor, in 1024ths; 0 where a pixel does not count.
     pub ratio: &'a mut [u16],
     /// Texture of the frame; only where `ratio` is not 0.
     pub frame: &'a mut [i16],
@@ -60,7 +65,7 @@ pub struct TexturesMut<'a> {
     pub floor: &'a mut [i16],
 }
 
-/// Planes of what [`visibility`] compares.
+/// Planes that [`visibility`] compares.
 #[derive(Debug, Clone, Copy)]
 pub struct Textures<'a> {
     /// See [`TexturesMut`].
@@ -71,12 +76,13 @@ pub struct Textures<'a> {
     pub floor: &'a [i16],
 }
 
-/// Writes the textures of all pixels whose index `counts`, those within 2 pixels of the border excepted. `level` and
-/// `floor_level` are sums of channels in sixteenths of a level, as in [`Reference`](crate::difference::Reference).
+/// Writes the textures of all pixels whose index `counts`, except those within 2 pixels of the
+/// border. `level` and `floor_level` are sums of channels in sixteenths of a grey level, as in
+/// [`Reference`](crate::difference::Reference).
 ///
 /// # Panics
 ///
-/// When a plane has not `size.area()` values.
+/// If a plane does not have `size.area()` values.
 pub fn textures(
     level: &[u16],
     floor_level: &[u16],
@@ -104,7 +110,7 @@ pub fn textures(
             .map(|i| i32::from(plane[i]))
             .iter()
             .sum::<i32>();
-        // Levels are at most 24480, so that this fits.
+        // Levels are at most 24480, so this fits.
         (i32::from(plane[i]) - around / 4) as i16
     };
     for y in STEP..height - STEP {
@@ -117,7 +123,8 @@ pub fn textures(
             out.floor[i] = texture(floor_level, i);
         }
     }
-    // A pixel beside an edge has an edge in its texture. Its ratio stays, for those whose edge it is not.
+    // The texture of a pixel next to an edge contains the edge. Its ratio is kept for pixels on the
+    // same side.
     for y in STEP..height - STEP {
         let row = y * width;
         for i in row + STEP..row + width - STEP {
@@ -134,12 +141,12 @@ pub fn textures(
     }
 }
 
-/// How much of the floor's texture shows through around a pixel. `None` where the pixel does not count, and where too few around
-/// it are like it.
+/// How much of the floor's texture shows through around a pixel. `None` if the pixel does not
+/// count, or too few similar pixels are around it.
 ///
 /// # Panics
 ///
-/// When a plane has not `size.area()` values, or the pixel is not in the picture.
+/// If a plane does not have `size.area()` values, or the pixel is not in the picture.
 #[must_use]
 pub fn visibility(
     textures: Textures<'_>,
@@ -183,7 +190,7 @@ pub fn visibility(
     let n = pixels as f32;
     let ratio = ratios as f32 / n / RATIO_ONE as f32;
     let (common, power, floor_power) = (common as f32, power as f32, floor_power as f32);
-    // What is not explained by the floor's texture is noise.
+    // The part that the floor's texture does not explain is noise.
     let unexplained = ((power - common * common / floor_power) / n).max(NOISE_MIN * NOISE_MIN);
     Some(Visibility {
         share: common / (ratio * floor_power),
@@ -202,7 +209,7 @@ fn alike(a: u32, b: u32, tenths: u32) -> bool {
     10 * a.abs_diff(b) <= tenths * a
 }
 
-/// Square root, which `core` does not have: to three digits from 1 to 2⁴⁸.
+/// Square root, which `core` does not have, to three digits from 1 to 2⁴⁸.
 fn root(square: f32) -> f32 {
     ((f64::from(square) * 65536.0) as u64).isqrt() as f32 / 256.0
 }
@@ -294,13 +301,13 @@ mod tests {
     }
 
     #[test]
-    fn a_plain_floor_tells_nothing() {
+    fn a_plain_floor_has_no_visibility() {
         let plain = vec![5000; SIZE.area()];
         assert!(seen(&carpet(1), &plain, (20, 14)).is_none());
     }
 
     #[test]
-    fn pictures_of_any_size_are_looked_at() {
+    fn pictures_of_any_size_are_processed() {
         for (width, height) in [(0, 0), (1, 1), (4, 9), (5, 5), (9, 4)] {
             let size = Size { width, height };
             let level = vec![5000u16; size.area()];

@@ -1,26 +1,27 @@
-//! The 3x3 window that median, threshold, erosion and dilation share.
+//! The 3x3 window shared by median, threshold, erosion and dilation.
 //!
-//! All four first combine the three pixels of a column and then three neighbouring columns. Done in blocks of a few hundred
-//! columns that stay in the first cache level, both steps are plain loops over arrays, which the compiler turns into vector
-//! instructions. Three values of a column must then lie in three arrays: an array of triples is not vectorised.
+//! All four first combine the three pixels of a column and then three neighbouring columns. In
+//! blocks of a few hundred columns that stay in the L1 cache, both steps are plain loops over
+//! arrays, which the compiler vectorises. The three values of a column must be in three arrays: an
+//! array of triples is not vectorised.
 //!
-//! Outside the picture the nearest pixel of the border counts. For a mask that means: what lies outside neither erodes nor
-//! dilates.
+//! Outside the picture the nearest border pixel is used. For a mask this means that pixels outside
+//! neither erode nor dilate.
 
 use crate::{Size, assert_len};
 
-/// Pixels of one block.
+/// Pixels per block.
 pub(crate) const BLOCK: usize = 256;
 
-/// One more column on either side.
+/// A block with one more column on each side.
 pub(crate) const PADDED: usize = BLOCK + 2;
 
-/// Calls `work` with each block of `out` and the rows above, at and below it. Each row has `out.len() + 2` pixels: one more on
-/// either side.
+/// Calls `work` with each block of `out` and the rows above, at and below it. Each row has
+/// `out.len() + 2` pixels: one more on each side.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub(crate) fn for_each_block<Pixel: Copy + Default, Out>(
     plane: &[Pixel],
     size: Size,
@@ -50,11 +51,12 @@ pub(crate) fn for_each_block<Pixel: Copy + Default, Out>(
     }
 }
 
-/// Writes to each pixel of `out` what `across` makes of its three columns, each of which `down` made of three pixels.
+/// For each pixel, combines three columns with `across`, each of them combined from three pixels
+/// with `down`.
 ///
 /// # Panics
 ///
-/// When a slice has not `size.area()` values.
+/// If a slice does not have `size.area()` values.
 pub(crate) fn map_3x3<Pixel: Copy + Default, Column: Copy + Default, Out>(
     plane: &[Pixel],
     size: Size,
@@ -78,11 +80,11 @@ pub(crate) fn map_3x3<Pixel: Copy + Default, Column: Copy + Default, Out>(
 
 #[cfg(test)]
 pub(crate) mod naive {
-    //! The window spelled out: the reference for the tests of everything that uses it.
+    //! A naive version of the window: the reference for the tests of everything that uses it.
     use super::*;
     use std::vec::Vec;
 
-    /// What `pixel` makes of the nine values around each pixel, the border repeated outwards.
+    /// Applies `pixel` to the nine values around each pixel, with the border repeated outwards.
     pub(crate) fn map_3x3(plane: &[u8], size: Size, pixel: impl Fn([u8; 9]) -> u8) -> Vec<u8> {
         let at = |x: isize, y: isize| {
             let x = x.clamp(0, size.width as isize - 1) as usize;

@@ -76,7 +76,7 @@ impl History {
         true
     }
 
-    /// Moves all samples: from now on, the object is measured at another reference point.
+    /// Moves all samples, because from now on another reference point of the object is measured.
     pub(crate) fn translate(&mut self, by: [f64; 2]) {
         for sample in &mut self.samples[..self.len] {
             sample.position[0] += by[0];

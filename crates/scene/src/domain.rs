@@ -1,13 +1,17 @@
-//! Where in shared memory a subscriber finds overcam, and how it lets overcam reach what it opens there.
+//! Where a subscriber finds overcam in shared memory, and how it gives overcam access to its own
+//! files there.
 //!
-//! There are three places, each with a directory for the files of iceoryx2 and a prefix for its shared memory:
+//! There are three places, each with a directory for the files of iceoryx2 and a prefix for its
+//! shared memory:
 //!
-//! * the default of iceoryx2, `/tmp/iceoryx2`, when one user runs everything;
-//! * `/dev/shm/overcam.UID`, where overcam publishes when another user's files are in the way of the first;
-//! * `/dev/shm/overcam-GROUP` for `overcam --group GROUP`, which only members of the group can enter.
+//! * the default of iceoryx2, `/tmp/iceoryx2`, if one user runs everything;
+//! * `/dev/shm/overcam.UID`, where overcam publishes if another user's files block the first;
+//! * `/dev/shm/overcam-GROUP` for `overcam --group GROUP`, which only members of the group can
+//!   enter.
 //!
-//! iceoryx2 gives all that it creates to the user alone. In the place of a group, each side therefore has to open its own files
-//! to the group: overcam opens its own, and a subscriber calls [`admit`] once it has its ports.
+//! iceoryx2 gives access to the files it creates only to their owner. In a group's place, each side
+//! therefore has to open its files to the group. overcam does so itself; a subscriber calls
+//! [`admit`] once it has its ports.
 
 extern crate std;
 
@@ -28,15 +32,16 @@ pub const GROUP_VARIABLE: &str = "OVERCAM_GROUP";
 /// Where Linux keeps shared memory.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// The configuration with which a subscriber finds the service `name` (`NAME/scene`) now.
+/// The configuration with which a subscriber currently finds the service `name` (`NAME/scene`).
 ///
-/// With the environment variable [`GROUP_VARIABLE`] it is that of the group; otherwise that of the user, if overcam publishes
-/// there, and that of iceoryx2, if not. To be asked for anew while waiting for the service.
+/// If the environment variable [`GROUP_VARIABLE`] is set, it is that of the group. Otherwise it is
+/// that of the user if overcam publishes there, else that of iceoryx2. Call this again while
+/// waiting for the service.
 ///
 /// # Errors
 ///
-/// [`io::ErrorKind::NotFound`] while overcam has not made the group's directory yet, and whatever keeps this user from reading
-/// it, as a rule that it is not a member of the group.
+/// [`io::ErrorKind::NotFound`] while overcam has not created the group's directory yet. Any error
+/// that keeps this user from reading it, usually that the user is not a member of the group.
 pub fn config(name: &ServiceName) -> io::Result<Config> {
     match std::env::var(GROUP_VARIABLE) {
         Ok(group) if !group.is_empty() => group_config(&group),
@@ -52,7 +57,7 @@ pub fn config(name: &ServiceName) -> io::Result<Config> {
 pub fn group_config(group: &str) -> io::Result<Config> {
     let directory = group_directory(group)?;
     let metadata = fs::symlink_metadata(&directory)?;
-    // Whoever could write there without being a member could publish scenes in overcam's name.
+    // A non-member who can write there could publish scenes in overcam's name.
     if !metadata.is_dir() || metadata.mode() & 0o007 != 0 {
         return Err(io::Error::other(format!(
             "{} is no directory of a group",
@@ -63,7 +68,8 @@ pub fn group_config(group: &str) -> io::Result<Config> {
     configured(&directory, &format!("ovc{:08x}_", fnv1a(group)))
 }
 
-/// Tells groups apart in names of shared memory, where there are no directories and sockets' paths are short.
+/// Distinguishes groups in the names of shared memory, which has no directories, and keeps the
+/// paths of sockets short.
 fn fnv1a(text: &str) -> u32 {
     let mix = |hash: u32, byte: u8| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193);
     text.bytes().fold(0x811c_9dc5, mix)
@@ -85,7 +91,7 @@ pub fn group_directory(group: &str) -> io::Result<PathBuf> {
     Ok(Path::new(SHARED_MEMORY).join(format!("overcam-{group}")))
 }
 
-/// The configuration for the place of one user, whether its directory exists or not.
+/// The configuration for the place of one user, whether or not its directory exists.
 ///
 /// # Errors
 ///
@@ -95,7 +101,7 @@ pub fn user_config(uid: u32) -> io::Result<Config> {
     configured(&directory, &format!("ovu{uid}_"))
 }
 
-/// The file that tells newcomers of a service.
+/// The file by which new subscribers find a service.
 #[must_use]
 pub fn static_file(config: &Config, name: &ServiceName, pattern: MessagingPattern) -> PathBuf {
     let hash = ServiceHash::new::<<ipc::Service as Service>::ServiceNameHasher>(name, pattern);
@@ -106,8 +112,9 @@ pub fn static_file(config: &Config, name: &ServiceName, pattern: MessagingPatter
     ))
 }
 
-/// Whether newcomers still find the service that was opened. Its files may have been removed while it was in use, and overcam then
-/// publishes anew; whoever hears nothing for a second should look, and open the service again.
+/// Whether new subscribers still find the opened service. If its files were removed while it was in
+/// use, overcam publishes it again. A subscriber that receives nothing for a second should check
+/// this and open the service again.
 #[must_use]
 pub fn is_current<S: Service>(service: &impl PortFactory<Service = S>, config: &Config) -> bool {
     let pattern = MessagingPattern::PublishSubscribe;
@@ -121,14 +128,16 @@ pub fn is_current<S: Service>(service: &impl PortFactory<Service = S>, config: &
     }
 }
 
-/// Lets the group reach what this user has opened in the group's place; does nothing elsewhere. To be called when the ports are made:
-/// until then overcam, unless it is root, cannot send to them.
+/// Gives the group access to what this user has opened in the group's place; does nothing
+/// elsewhere. Call this once the ports exist: until then overcam cannot send to them, unless it
+/// runs as root.
 ///
-/// Members may then read and write the shared memory in which messages are passed on. Scenes themselves they may read only.
+/// Members can then read and write the shared memory that passes on messages, but only read the
+/// scenes themselves.
 ///
 /// # Errors
 ///
-/// The directory cannot be read.
+/// If the directory cannot be read.
 pub fn admit(config: &Config) -> io::Result<()> {
     let root = config.global.root_path().to_string();
     let Some(directory) = Path::new(&root).to_str().filter(|path| is_of_a_group(path)) else {
@@ -153,13 +162,14 @@ pub fn admit(config: &Config) -> io::Result<()> {
     // After the files: a port has its tag before its connections.
     let tags = PortTags::read(Path::new(directory));
     for file in &files {
-        // What has just been removed by somebody else needs nothing.
+        // A file that somebody else has just removed needs nothing.
         let _ = admit_to(file, uid, group, &tags);
     }
     Ok(())
 }
 
-/// Opens one file to the group, or removes it when it is a connection that only its owner can remove and nobody uses any more.
+/// Opens one file to the group. Removes it instead if it is an unused connection that only its
+/// owner can remove.
 fn admit_to(entry: &DirEntry, uid: u32, group: u32, tags: &PortTags) -> io::Result<()> {
     let path = entry.path();
     let metadata = fs::symlink_metadata(&path)?;
@@ -183,7 +193,8 @@ fn admit_to(entry: &DirEntry, uid: u32, group: u32, tags: &PortTags) -> io::Resu
     fs::set_permissions(&path, Permissions::from_mode(mode))
 }
 
-/// The ports of all programs in one place: each has a file in its program's directory as long as it lives.
+/// The ports of all programs in one place: each has a file in its program's directory while it
+/// exists.
 struct PortTags(String);
 
 impl PortTags {
@@ -200,7 +211,7 @@ impl PortTags {
         Self(names)
     }
 
-    /// Whether the receiver of a connection, the last number of its name, has gone.
+    /// Whether the receiver of a connection, the last number in its name, is gone.
     fn is_stale(&self, connection: &str) -> bool {
         let number = connection
             .strip_suffix(".connection")
@@ -221,7 +232,7 @@ fn own_config(name: &ServiceName) -> Config {
     let owner = |config| fs::metadata(file(config)).map(|metadata| metadata.uid());
     match (owner(&own), owner(&default)) {
         (Ok(_), _) => own,
-        // Not to be read: overcam of this user will be in the other place.
+        // Not readable: this user's overcam will be in the other place.
         (_, Ok(owner)) if owner != uid && uid != 0 => own,
         _ => default,
     }

@@ -1,32 +1,33 @@
-//! What a subscriber of overcam reads: plain data and the name of the service.
+//! What a subscriber of overcam reads: plain data types and the name of the service.
 //!
-//! A planner depends on this crate alone (and on `iceoryx2` to subscribe). One [`Scene`] is published for every processed
-//! frame, also when nothing is seen, on the publish-subscribe service
-//! `NAME/scene` ([`DEFAULT_SERVICE`], [`SERVICE_SUFFIX`]); the event service of the same name
-//! is notified after each publication, so that a reader can block on it. While no frame comes from a camera, an empty scene a second
-//! says so ([`Scene::source`]).
+//! A planner depends only on this crate (and on `iceoryx2` to subscribe). One [`Scene`] is
+//! published for every processed frame, even if it shows nothing, on the publish-subscribe service
+//! `NAME/scene` ([`DEFAULT_SERVICE`], [`SERVICE_SUFFIX`]). The event service of the same name is
+//! notified after each publication, so a reader can block on it. While the camera delivers no
+//! frames, an empty scene per second reports this ([`Scene::source`]).
 //!
 //! # Layout
 //!
-//! All types are `repr(C)`, have a fixed size, hold no pointers and no padding bytes between fields, so that a C struct or a
-//! Python `ctypes.Structure` with the same fields reads them. Lists are arrays with a count in front; entries past the count
-//! are zero. Any change of layout changes the number in the type name, which makes iceoryx2 refuse a subscriber that was
-//! built for another layout instead of letting it read nonsense.
+//! All types are `repr(C)`, have a fixed size, and have no pointers and no padding between fields,
+//! so a C struct or a Python `ctypes.Structure` with the same fields can read them. Lists are
+//! arrays preceded by a count; entries beyond the count are zero. Any change of layout changes the
+//! number in the type name, so iceoryx2 rejects a subscriber built for another layout.
 //!
 //! # Coordinates
 //!
-//! [`Scene::frame`] says in which of two frames all numbers are:
+//! [`Scene::frame`] gives the coordinate frame of all numbers:
 //!
-//! * [`FRAME_IMAGE`]: pixels; (0, 0) is the centre of the top left pixel, x right, y down; a heading is measured from +x
-//!   towards +y, that is clockwise on the screen.
-//! * [`FRAME_FLOOR`]: metres on the floor, z up; a heading is counter-clockwise from +x (REP-103).
+//! * [`FRAME_IMAGE`]: pixels; (0, 0) is the centre of the top left pixel, x right, y down; headings
+//!   are from +x towards +y, clockwise on the screen.
+//! * [`FRAME_FLOOR`]: metres on the floor, z up; headings are counter-clockwise from +x (REP-103).
 //!
 //! Headings are in radians within (-π, π], velocities are per second.
 //!
 //! # Where to subscribe
 //!
-//! [`config`] is the configuration of iceoryx2 with which a service is found, also where overcam runs as another user with
-//! `--group GROUP`; a subscriber then calls [`admit`] when it has its ports. With one user, `Config::default()` will do.
+//! [`config`] returns the iceoryx2 configuration that finds a service, even if overcam runs as
+//! another user with `--group GROUP`. In that case a subscriber calls [`admit`] once it has its
+//! ports. With a single user, `Config::default()` is enough.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -39,18 +40,18 @@ pub use domain::{
 
 use iceoryx2::prelude::ZeroCopySend;
 
-/// `NAME` of a service when no other was chosen with `--service NAME`.
+/// `NAME` of the service without `--service NAME`.
 pub const DEFAULT_SERVICE: &str = "overcam";
-/// What follows `NAME` in the name of the publish-subscribe service and of the event service: `overcam/scene`.
+/// Suffix of `NAME` in the names of the publish-subscribe and event services: `overcam/scene`.
 pub const SERVICE_SUFFIX: &str = "/scene";
 
-/// Most objects in one scene. What does not fit is counted in [`Scene::n_overflow`].
+/// Maximum number of objects in a scene. Further objects are counted in [`Scene::n_overflow`].
 pub const MAX_OBJECTS: usize = 64;
-/// Most points of an object's outline.
+/// Maximum number of points in an object's outline.
 pub const MAX_OUTLINE: usize = 64;
-/// Points of a forecast, evenly spaced up to two seconds ahead.
+/// Number of points in a forecast, evenly spaced up to two seconds ahead.
 pub const MAX_FORECAST: usize = 20;
-/// Bytes of a marker's name, UTF-8, padded with zeros.
+/// Bytes of a marker name: UTF-8, padded with zeros.
 pub const NAME_BYTES: usize = 32;
 
 /// [`Scene::frame`]: coordinates are pixels of the image.
@@ -63,88 +64,95 @@ pub const CLOCK_SOURCE: u32 = 0;
 /// [`Scene::clock`]: stamps are `CLOCK_MONOTONIC` of this machine.
 pub const CLOCK_MONOTONIC: u32 = 1;
 
-/// [`Scene::light`]: the light is as it was.
+/// [`Scene::light`]: the light has not changed.
 pub const LIGHT_STEADY: u32 = 0;
-/// [`Scene::light`]: the light has just changed; things that were not there before are withheld for a moment.
+/// [`Scene::light`]: the light has just changed; new objects are withheld for a moment.
 pub const LIGHT_CHANGED: u32 = 1;
 /// [`Scene::light`]: too dark to see anything.
 pub const LIGHT_DARK: u32 = 2;
 
-/// [`Scene::source`]: frames come.
+/// [`Scene::source`]: frames arrive.
 pub const SOURCE_RUNNING: u32 = 0;
-/// [`Scene::source`]: no frame comes, because the camera is unplugged or has stalled. overcam waits for it; the scene is empty, and its
-/// sequence and stamp are those of the last frame.
+/// [`Scene::source`]: no frames arrive because the camera is unplugged or has stalled. overcam
+/// waits for it. The scene is empty; its sequence and stamp are those of the last frame.
 pub const SOURCE_WAITING: u32 = 1;
 
-/// [`Object::kind`]: something without a recognised marker.
+/// [`Object::kind`]: an object without a recognised marker.
 pub const KIND_OBSTACLE: u32 = 0;
 /// [`Object::kind`]: a robot or target with a recognised marker.
 pub const KIND_MARKER: u32 = 1;
 
-/// Bit of [`Object::flags`]: seen in this frame; otherwise the pose is the forecast made from earlier frames.
+/// Bit of [`Object::flags`]: seen in this frame. Otherwise the pose is forecast from earlier
+/// frames.
 pub const OBSERVED: u32 = 1;
-/// Bit of [`Object::flags`]: `heading_rad` and its covariances mean something.
+/// Bit of [`Object::flags`]: `heading_rad` and its covariances are valid.
 pub const HAS_HEADING: u32 = 2;
 
-/// Everything known about the floor at the moment one frame was exposed.
+/// Everything known about the floor at the time one frame was exposed.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
 #[type_name("overcam.Scene.v5")]
 pub struct Scene {
-    /// Number of the frame in its source, from 0; frames that were dropped, passed over or used for learning count too.
+    /// Index of the frame in its source, from 0. Includes frames that were dropped, skipped or used
+    /// for learning.
     pub sequence: u64,
-    /// Moment of exposure on the clock named by `clock`.
+    /// Time of exposure on the clock given by `clock`.
     pub stamp_ns: u64,
-    /// `CLOCK_MONOTONIC` just before publication; 0 in a scene that was not published.
+    /// `CLOCK_MONOTONIC` just before publication; 0 if the scene was not published.
     pub published_ns: u64,
     /// [`FRAME_IMAGE`] or [`FRAME_FLOOR`].
     pub frame: u32,
-    /// Entries of `objects` in use.
+    /// Number of valid entries of `objects`.
     pub n_objects: u32,
-    /// Shapes and tracks of this frame that are not reported because a capacity was reached.
+    /// Number of shapes and tracks of this frame that are not reported because a capacity was
+    /// reached.
     pub n_overflow: u32,
     /// Clock of `stamp_ns`: [`CLOCK_MONOTONIC`] for a camera, [`CLOCK_SOURCE`] for everything else.
     pub clock: u32,
     /// [`LIGHT_STEADY`], [`LIGHT_CHANGED`] or [`LIGHT_DARK`].
     pub light: u32,
-    /// How many times as bright as in the picture of the empty floor red, green and blue are: lamps, exposure, white balance.
+    /// Brightness of red, green and blue relative to the picture of the empty floor: lamps,
+    /// exposure, white balance.
     pub gain: [f32; 3],
     /// [`SOURCE_RUNNING`] or [`SOURCE_WAITING`].
     pub source: u32,
-    /// Seconds since the last frame was exposed, while the source is [`SOURCE_WAITING`]; otherwise 0, for [`Scene::age_ns`] tells.
+    /// Seconds since the exposure of the last frame while the source is [`SOURCE_WAITING`].
+    /// Otherwise 0; see [`Scene::age_ns`].
     pub frame_age_s: f32,
-    /// The objects, in the order of their track numbers.
+    /// The objects in order of their track ids.
     pub objects: [Object; MAX_OBJECTS],
 }
 
-/// One thing on the floor.
+/// An object on the floor.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
 #[type_name("overcam.Object.v3")]
 pub struct Object {
-    /// Number of the track: the same thing keeps it from frame to frame, and it is never given twice in a run.
+    /// Track id: the same object keeps it from frame to frame, and it is never reused within a run.
     pub track: u64,
-    /// Marker: centre of the plate. Obstacle: centre of area of the outline.
+    /// Marker: centre of the plate. Obstacle: centroid of the outline.
     pub x: f64,
     /// See `x`.
     pub y: f64,
-    /// Direction in which the marker's drawing points up; meaningful only with [`HAS_HEADING`].
+    /// Direction in which the marker's drawing points up. Valid only with [`HAS_HEADING`].
     pub heading_rad: f64,
     /// Velocity along x, per second.
     pub vx: f64,
     /// Velocity along y, per second.
     pub vy: f64,
-    /// Turn rate in rad/s, in the sense of a heading: the marker's where its headings tell it, else that of the direction of
-    /// motion.
+    /// Turn rate in rad/s, with the same sign as a heading: that of the marker if its headings
+    /// determine it, otherwise that of the direction of motion.
     pub turn_rate_rad_s: f64,
     /// Seconds since the object was first seen.
     pub age_s: f64,
     /// Marker: side of the plate. Obstacle: square root of the outline's area.
     pub size: f64,
-    /// How well the marker that was read explains the pixels of its plate: share of their variation, 0 to 1, less with noise, low
-    /// contrast, and whatever does not belong there. 0 where no marker was read in this frame.
+    /// How well the recognised marker explains the pixels of its plate: share of their variation, 0
+    /// to 1. Noise, low contrast and foreign objects reduce it. 0 if no marker was read in this
+    /// frame.
     pub confidence: f64,
-    /// Covariance of (x, y, heading), row by row; the heading's row and column are zero without [`HAS_HEADING`].
+    /// Covariance of (x, y, heading), row by row. The row and column of the heading are zero
+    /// without [`HAS_HEADING`].
     pub covariance: [[f64; 3]; 3],
     /// Name of the marker; all zero for an obstacle. See [`Object::marker_name`].
     pub marker: [u8; NAME_BYTES],
@@ -152,17 +160,18 @@ pub struct Object {
     pub kind: u32,
     /// [`OBSERVED`] and [`HAS_HEADING`].
     pub flags: u32,
-    /// Entries of `outline` in use.
+    /// Number of valid entries of `outline`.
     pub n_outline: u32,
-    /// Entries of `forecast` in use.
+    /// Number of valid entries of `forecast`.
     pub n_forecast: u32,
-    /// Outline of the whole object as (x, y), in order, first point not repeated. Empty when not observed.
+    /// Outline of the whole object as (x, y), in order; the first point is not repeated. Empty if
+    /// not observed.
     pub outline: [[f64; 2]; MAX_OUTLINE],
-    /// Where the object will be, in order of time.
+    /// Future positions in order of time.
     pub forecast: [ForecastPoint; MAX_FORECAST],
 }
 
-/// A forecast for one moment.
+/// A forecast for one time.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
 #[type_name("overcam.ForecastPoint.v1")]
@@ -194,16 +203,17 @@ impl Scene {
         objects: [Object::EMPTY; MAX_OBJECTS],
     };
 
-    /// The objects in use.
+    /// The valid objects.
     #[must_use]
     pub fn objects(&self) -> &[Object] {
         &self.objects[..(self.n_objects as usize).min(MAX_OBJECTS)]
     }
 
-    /// Nanoseconds from the exposure to `now_ns`, a reading of `CLOCK_MONOTONIC` on the same machine.
+    /// Nanoseconds from the exposure to `now_ns`, a reading of `CLOCK_MONOTONIC` on the same
+    /// machine.
     ///
-    /// Counted from the publication where the source has a clock of its own: a file was exposed long ago, and what a reader
-    /// can still act upon is how long the scene took to reach it.
+    /// If the source has its own clock, the age counts from publication: a file was exposed long
+    /// ago, and only the time that the scene took to reach the reader is relevant.
     #[must_use]
     pub fn age_ns(&self, now_ns: u64) -> u64 {
         let since_ns = match self.clock {
@@ -213,10 +223,11 @@ impl Scene {
         now_ns.saturating_sub(since_ns)
     }
 
-    /// Where one of this scene's objects is at the moment `at_ns` of `CLOCK_MONOTONIC`: for a planner that takes `delay_ns` until
-    /// its command takes effect, that is a reading of the clock plus `delay_ns`.
+    /// Position of one of this scene's objects at the time `at_ns` of `CLOCK_MONOTONIC`. For a
+    /// planner whose command takes effect after `delay_ns`, that is a reading of the clock plus
+    /// `delay_ns`.
     ///
-    /// The same as [`Object::pose_at`] with the scene's age ([`Scene::age_ns`]) at that moment.
+    /// The same as [`Object::pose_at`] with the scene's age ([`Scene::age_ns`]) at that time.
     #[must_use]
     pub fn pose_at(&self, object: &Object, at_ns: u64) -> Pose {
         object.pose_at(self.age_ns(at_ns) as f64 * 1e-9)
@@ -246,7 +257,8 @@ impl Object {
         forecast: [ForecastPoint::EMPTY; MAX_FORECAST],
     };
 
-    /// Name of the marker, `None` for an obstacle. A name that was cut within a character ends before that character.
+    /// Name of the marker, `None` for an obstacle. A name cut within a character ends before that
+    /// character.
     #[must_use]
     pub fn marker_name(&self) -> Option<&str> {
         if self.kind != KIND_MARKER {
@@ -257,7 +269,7 @@ impl Object {
         Some(valid)
     }
 
-    /// Direction of the marker in radians, where there is one.
+    /// Direction of the marker in radians, if it has one.
     #[must_use]
     pub fn heading(&self) -> Option<f64> {
         (self.flags & HAS_HEADING != 0).then_some(self.heading_rad)
@@ -269,39 +281,40 @@ impl Object {
         self.flags & OBSERVED != 0
     }
 
-    /// The outline's points.
+    /// The points of the outline.
     #[must_use]
     pub fn outline(&self) -> &[[f64; 2]] {
         &self.outline[..(self.n_outline as usize).min(MAX_OUTLINE)]
     }
 
-    /// The forecast's points.
+    /// The points of the forecast.
     #[must_use]
     pub fn forecast(&self) -> &[ForecastPoint] {
         &self.forecast[..(self.n_forecast as usize).min(MAX_FORECAST)]
     }
 }
 
-/// Where an object is at one moment; coordinates as in [`Scene::frame`].
+/// Pose of an object at one time, in the coordinates of [`Scene::frame`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// Expected x.
     pub x: f64,
     /// Expected y.
     pub y: f64,
-    /// Expected direction within (-π, π], where there is a marker.
+    /// Expected direction within (-π, π], if there is a marker.
     pub heading_rad: Option<f64>,
     /// Covariance of (x, y), row by row.
     pub covariance: [[f64; 2]; 2],
 }
 
 impl Object {
-    /// The pose `dt_s` seconds after the scene's exposure: the object's own at 0, then along the forecast. The heading turns on at
-    /// [`turn_rate_rad_s`](Object::turn_rate_rad_s).
+    /// The pose `dt_s` seconds after the scene's exposure: the object's own at 0, then along the
+    /// forecast. The heading changes at [`turn_rate_rad_s`](Object::turn_rate_rad_s).
     ///
-    /// Between the forecast's points the path is a cubic curve (Hermite's, with the slopes of the neighbouring points, at the start
-    /// that of the velocity) and the covariance linear. After the last point it stays there; an object without a forecast
-    /// stays where it is. A `dt_s` below 0, or no number, counts as 0.
+    /// Between the points of the forecast, the path is a cubic Hermite curve and the covariance is
+    /// linear. Its slopes come from the neighbouring points, and from the velocity at the start.
+    /// After the last point the object stays there; without a forecast it stays where it is. A
+    /// negative or NaN `dt_s` counts as 0.
     #[must_use]
     pub fn pose_at(&self, dt_s: f64) -> Pose {
         let now = ForecastPoint {
@@ -313,7 +326,7 @@ impl Object {
         let forecast = self.forecast();
         let point = |i: usize| if i == 0 { now } else { forecast[i - 1] };
         let dt_s = dt_s.max(0.0);
-        // The first point after the moment, counted with the present one as 0.
+        // Index of the first point after this time, where 0 is the present.
         let after = 1 + forecast
             .iter()
             .take_while(|point| point.dt_s <= dt_s)
@@ -365,7 +378,7 @@ impl Object {
     }
 }
 
-/// The same direction within (-π, π], for one within a few turns of it; no number for none.
+/// The same direction within (-π, π], for an angle within a few turns of it. NaN if not finite.
 fn within_a_turn(mut rad: f64) -> f64 {
     use core::f64::consts::{PI, TAU};
     rad %= TAU;
@@ -387,7 +400,7 @@ impl ForecastPoint {
     };
 }
 
-// The layout is what other languages rely on: a change must be seen here first.
+// Programs in other languages rely on this layout, so a change must fail here first.
 const _: () = {
     assert!(core::mem::size_of::<ForecastPoint>() == 56);
     assert!(
@@ -424,7 +437,8 @@ mod tests {
         assert_eq!(object.forecast().len(), MAX_FORECAST);
     }
 
-    /// A robot on a circle of radius 2 about the origin, one radian a second, now at (2, 0), with points every tenth second.
+    /// A robot on a circle of radius 2 about the origin, at one radian per second, now at (2, 0),
+    /// with a point every tenth of a second.
     fn circling() -> Object {
         let mut robot = Object {
             x: 2.0,
@@ -448,7 +462,7 @@ mod tests {
         robot
     }
 
-    /// Series of cosine and sine, since the crate has no mathematics.
+    /// Series of cosine and sine, since the crate has no maths library.
     fn on_circle(angle: f64) -> [f64; 2] {
         let (mut cosine, mut sine, mut term) = (0.0, 0.0, 1.0);
         for power in 0..30 {
@@ -483,7 +497,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_of_nothing_known_is_the_present_one() {
+    fn a_pose_without_a_forecast_is_the_present_one() {
         let mut object = Object::EMPTY;
         object.x = 3.0;
         object.vx = 1.0;

@@ -1,4 +1,4 @@
-//! The neural network of the paper, taken literally.
+//! The neural network of the paper, implemented literally.
 
 use crate::classical::Predictor;
 use crate::random::Random;

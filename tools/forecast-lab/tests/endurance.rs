@@ -105,7 +105,7 @@ fn check([first, last]: [[f64; 3]; 2]) {
 }
 
 #[test]
-fn an_hour_wears_nothing_out() {
+fn forecasts_do_not_degrade_within_an_hour() {
     check(errors(HOUR, HOUR / 4));
 }
 

@@ -1,6 +1,6 @@
 //! The table of generated motions equals the stored one and meets its goals.
 //!
-//! `UPDATE=1 cargo test -p forecast-lab --test table` stores it anew after an intended change.
+//! `UPDATE=1 cargo test -p forecast-lab --test table` stores it again after an intended change.
 
 use std::fmt::Write;
 use std::path::Path;

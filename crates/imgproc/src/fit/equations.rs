@@ -1,6 +1,7 @@
 //! Normal equations of one round: sums over many pixels, and their solution.
 
-/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and blur.
+/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and
+/// blur.
 pub(super) const UNKNOWNS: usize = 9;
 pub(super) const CONTRAST: usize = 3;
 pub(super) const X: usize = 4;
@@ -11,22 +12,21 @@ pub(super) const BLUR: usize = 8;
 
 /// Normal equations of one round.
 pub(super) struct Normal {
-    /// Sums of the products of two derivatives; those of an unknown with later ones only.
+    /// Sums of products of two derivatives; upper triangle only.
     matrix: [[f64; UNKNOWNS]; UNKNOWNS],
-    /// Sums of the products of a derivative and what is left.
+    /// Sums of products of a derivative and the residual.
     right: [f64; UNKNOWNS],
-    /// Sum of the squares of what is left.
+    /// Sum of squared residuals.
     pub(super) squares: f64,
     /// Sum of the weights.
     pub(super) n: f32,
 }
 
-/// Where the equations lead.
 pub(super) struct Solution {
     pub(super) step: [f64; UNKNOWNS],
-    /// By how much the sum of squares falls, if everything is linear.
+    /// Predicted reduction of the sum of squares, if everything is linear.
     pub(super) taken: f64,
-    /// Covariance of the unknowns where every sample has a variance of 1.
+    /// Covariance of the unknowns if every sample has a variance of 1.
     pub(super) inverse: [[f64; UNKNOWNS]; UNKNOWNS],
 }
 
@@ -40,13 +40,13 @@ impl Normal {
         }
     }
 
-    /// Adds that an unknown is `off` by now from where it is expected, with a weight.
+    /// Adds a weighted prior: the unknown is `off` from its expected value.
     pub(super) fn expect(&mut self, unknown: usize, off: f32, weight: f64) {
         self.matrix[unknown][unknown] += weight;
         self.right[unknown] -= weight * f64::from(off);
     }
 
-    /// `None` where some unknowns depend on the others alone.
+    /// `None` if some unknowns are not independent of the others.
     pub(super) fn solve(mut self) -> Option<Solution> {
         for i in 0..UNKNOWNS {
             for k in 0..i {
@@ -69,10 +69,11 @@ impl Normal {
 /// Pixels whose products are summed at once.
 const BATCH: usize = 32;
 
-/// Sums that run side by side.
+/// Independent sums that run in parallel.
 const LANES: usize = 4;
 
-/// Some pixels' part of the normal equations, one row per unknown, so that the products of many pixels are taken at once.
+/// Contribution of some pixels to the normal equations, one row per unknown, so that the products
+/// of many pixels are computed at once.
 pub(super) struct Batch {
     derivatives: [[f32; BATCH]; UNKNOWNS],
     residual: [f32; BATCH],
@@ -110,7 +111,7 @@ impl Batch {
         }
     }
 
-    /// Adds what is left of the batch to the sums, and empties it.
+    /// Adds the rest of the batch to the sums and empties it.
     pub(super) fn add_to(&mut self, normal: &mut Normal) {
         self.weight[self.len..].fill(0.0);
         self.len = 0;
@@ -139,7 +140,8 @@ fn dot(a: &[f32; BATCH], b: &[f32; BATCH]) -> f32 {
     (lanes[0] + lanes[1]) + (lanes[2] + lanes[3])
 }
 
-/// Inverse of a symmetric, positive matrix by Cholesky's decomposition; `None` where it is not positive.
+/// Inverse of a symmetric positive-definite matrix by Cholesky decomposition. `None` if it is not
+/// positive definite.
 fn inverse(matrix: &[[f64; UNKNOWNS]; UNKNOWNS]) -> Option<[[f64; UNKNOWNS]; UNKNOWNS]> {
     let mut lower = [[0.0; UNKNOWNS]; UNKNOWNS];
     for i in 0..UNKNOWNS {
@@ -147,7 +149,7 @@ fn inverse(matrix: &[[f64; UNKNOWNS]; UNKNOWNS]) -> Option<[[f64; UNKNOWNS]; UNK
             let known: f64 = (0..k).map(|j| lower[i][j] * lower[k][j]).sum();
             let left = matrix[i][k] - known;
             if i == k {
-                // What depends on the other unknowns alone has no digits left.
+                // An unknown that depends only on the others has no digits left.
                 if left.is_nan() || left <= 1e-12 * matrix[i][i] {
                     return None;
                 }

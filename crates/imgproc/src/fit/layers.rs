@@ -1,26 +1,27 @@
-//! Pictures of a shape at several blurs, and what lies between them.
+//! Pictures of a shape at several blurs, with interpolation between them.
 
-/// A shape's picture at several blurs. Each layer is a square grid of samples over the plate and what is around it.
+/// A shape's picture at several blurs. Each layer is a square grid of samples over the plate and
+/// its surroundings.
 #[derive(Debug, Clone, Copy)]
 pub struct Layers<'a> {
-    /// Layer after layer, row after row: coverage by the shape, 0 to 1.
+    /// Layer by layer, row by row: coverage by the shape, 0 to 1.
     pub samples: &'a [f32],
-    /// Samples in a row, and rows.
+    /// Samples per row, and rows per layer.
     pub side: usize,
-    /// Samples over the side of the plate, whose centre is in the middle of the grid.
+    /// Samples per side of the plate, whose centre is in the middle of the grid.
     pub per_plate: f32,
     /// Standard deviation of the first layer's blur, in units of the plate's side.
     pub first_blur: f32,
-    /// Blur of a layer over that of the one before.
+    /// Ratio of a layer's blur to that of the layer before.
     pub blur_ratio: f32,
 }
 
 impl Layers<'_> {
-    /// How many there are.
+    /// Number of layers.
     ///
     /// # Panics
     ///
-    /// When they are not two or more whole ones.
+    /// If there are fewer than two, or not a whole number of them.
     fn count(&self) -> usize {
         let n = self.samples.len() / (self.side * self.side);
         assert!(
@@ -32,7 +33,8 @@ impl Layers<'_> {
         n
     }
 
-    /// The layers on either side of a blur, standard deviation in units of the plate's side.
+    /// The layers on both sides of a blur, given as standard deviation in units of the plate's
+    /// side.
     pub(super) fn at_blur(&self, blur: f32) -> Blend<'_> {
         let Layers { samples, side, .. } = *self;
         let n = self.count();
@@ -58,7 +60,7 @@ impl Layers<'_> {
 pub(super) struct Blend<'a> {
     sharp: &'a [f32],
     softer: &'a [f32],
-    /// Of the softer layer.
+    /// Weight of the softer layer.
     share: f32,
     layers_per_ln: f32,
     side: usize,
@@ -67,15 +69,16 @@ pub(super) struct Blend<'a> {
 }
 
 impl Blend<'_> {
-    /// Coverage at a point of the plate, its derivatives along u and v and for the logarithm of the blur; `None` outside of
-    /// the grid. Linear between the samples, and the derivatives are those of the planes that this makes.
+    /// Coverage at a point of the plate, and its derivatives with respect to u, v and the logarithm
+    /// of the blur. `None` outside the grid. Bilinear between samples; the derivatives are those of
+    /// the interpolation.
     #[inline(always)]
     pub(super) fn coverage(&self, u: f32, v: f32) -> Option<[f32; 4]> {
         let (x, y) = (
             u * self.per_plate + self.middle,
             v * self.per_plate + self.middle,
         );
-        // The cast rounds towards zero: what is left of the first column has been found by then.
+        // The cast rounds towards zero, so points left of the first column must be rejected before.
         if !(x >= 0.0 && y >= 0.0) {
             return None;
         }
@@ -99,7 +102,7 @@ impl Blend<'_> {
     }
 }
 
-/// Value between four samples, and its slope in x and y.
+/// Bilinear interpolation between four samples, and its slopes in x and y.
 #[inline(always)]
 fn between([a, b, c, d]: [f32; 4], x: f32, y: f32) -> [f32; 3] {
     let (above, below) = (a + x * (b - a), c + x * (d - c));

@@ -1,23 +1,23 @@
-//! What the pixels of a plate, or blocks of them, say of the unknowns.
+//! What the pixels of a plate, or blocks of them, contribute to the equations.
 
 use super::equations::{BLUR, Batch, CONTRAST, Normal, SIZE, TURN, UNKNOWNS, X, Y};
 use super::layers::Layers;
 use super::{Pose, Within};
 use crate::Size;
 
-/// Pixels nearer to the plate's border than so many blurs do not count.
+/// Pixels closer to the plate's border than this many blurs do not count.
 const BORDER_BLURS: f32 = 1.8;
 
-/// Variance of where in its pixel light arrives.
+/// Variance of the position within its pixel at which light arrives.
 pub(super) const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
 
 /// The unknowns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct State {
     pub(super) light: f32,
-    /// Per plate side.
+    /// Per side of the plate.
     slope: [f32; 2],
-    /// Of the light that the shape does not send back.
+    /// Share of the light that the shape does not reflect.
     pub(super) share: f32,
     pub(super) pose: Pose,
 }
@@ -49,13 +49,13 @@ impl State {
     }
 }
 
-/// What is looked at.
+/// The pixels to be fitted.
 pub(super) struct View<'a> {
     pub(super) plane: &'a [u8],
     pub(super) size: Size,
     pub(super) within: Option<Within<'a>>,
     pub(super) layers: Layers<'a>,
-    /// Pixels of a block's side.
+    /// Side of a block, in pixels.
     pub(super) block_px: usize,
     /// Where the slope of the light is zero.
     pub(super) origin: [f32; 2],
@@ -63,21 +63,21 @@ pub(super) struct View<'a> {
 
 /// One pixel, or block of pixels, of a plate.
 struct Sample {
-    /// 1, less at the border of what counts.
+    /// 1, less at the border of the counted area.
     weight: f32,
     grey: f32,
-    /// From the plate's centre, pixels.
+    /// From the plate's centre, in pixels.
     from_centre: [f32; 2],
     /// The same in the plate's own axes, in units of its side.
     u: f32,
     v: f32,
-    /// Coverage, its derivatives along u and v and for the logarithm of the blur.
+    /// Coverage, and its derivatives with respect to u, v and the logarithm of the blur.
     coverage: [f32; 4],
 }
 
 impl View<'_> {
-    /// Light and contrast of least squares for a pose, without a slope, and the variance of the coverage. `None` when the shape
-    /// is not darker than its plate.
+    /// Least-squares light and contrast for a pose, without a slope, and the variance of the
+    /// coverage. `None` if the shape is not darker than its plate.
     pub(super) fn lit(&self, pose: Pose) -> Option<(State, f64)> {
         // Sums of 1, coverage, its square, grey, grey times coverage.
         let mut sums = [0.0f32; 5];
@@ -147,13 +147,13 @@ impl View<'_> {
         normal
     }
 
-    /// Variance of all that blurs a sample.
+    /// Variance of the total blur of a sample.
     fn blur_variance(&self, blur_px: f32) -> f32 {
         let block = self.block_px as f32;
         blur_px * blur_px + PIXEL_VARIANCE * block * block
     }
 
-    /// Calls `found` with everything on the plate that counts.
+    /// Calls `found` with every sample on the plate that counts.
     #[inline(always)]
     fn each_sample(&self, pose: &Pose, mut found: impl FnMut(Sample)) {
         let &Pose {
@@ -184,7 +184,7 @@ impl View<'_> {
             for column in span(centre[0], self.size.width) {
                 let dx = column as f32 * block + middle - centre[0];
                 let (along, across) = (cos * dx + sin * dy, cos * dy - sin * dx);
-                // Full weight from half a pixel inside of the limit on.
+                // Full weight from half a pixel inside the limit on.
                 let (off_along, off_across) = (along.abs(), across.abs());
                 let off = if off_along > off_across {
                     off_along

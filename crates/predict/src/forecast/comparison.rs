@@ -42,7 +42,7 @@ pub(crate) struct Comparison<'a> {
 }
 
 impl Issued {
-    /// The value before there is anything to hold.
+    /// An empty value.
     pub(crate) const NONE: Self = Self {
         newest: Sample::EMPTY,
         n_samples: 0,

@@ -42,7 +42,7 @@ pub(crate) struct GradientStep {
 }
 
 impl Activations {
-    /// The value before there is anything to hold.
+    /// An empty value.
     pub(crate) const NONE: Self = Self {
         hidden: [0.0; HIDDEN],
         outputs: [0.0; OUTPUTS],

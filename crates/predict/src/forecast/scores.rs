@@ -114,7 +114,7 @@ pub(crate) struct ScoreSummary {
     /// Log of the best expert's recent error relative to its typical error one step ahead. When an
     /// object starts to move differently, all experts are wrong at once.
     pub(crate) surprise: f32,
-    /// Error below which differences mean nothing.
+    /// Error below which differences are meaningless.
     pub(crate) min_error: f32,
 }
 

@@ -43,7 +43,7 @@ struct Hypothesis {
 }
 
 impl Hypotheses {
-    /// The value before there is anything to hold.
+    /// An empty value.
     pub(crate) const NONE: Self = Self {
         list: [Hypothesis {
             position: [0.0; 2],

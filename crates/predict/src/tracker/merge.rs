@@ -29,7 +29,7 @@
 //! its offset from the centre of the blob and moves with the blob. A rotation of two objects about
 //! each other is not visible. Markers, or otherwise positions, decide when they separate. Where the
 //! reference point of the blob changes, because another object joins or a marker is read in it, the
-//! offset is computed anew, so that nothing jumps.
+//! offset is recomputed, so that nothing jumps.
 //!
 //! The extent is a circle. Within a ring, or beside a long wall, it is too large: no object is
 //! isolated there, and a touch is treated like any other occlusion.
@@ -45,7 +45,7 @@ use crate::vector::{norm_squared, sub};
 
 /// Minimum excess of a blob's area over the other objects in it, as a fraction of an object's area,
 /// for that object to be in it. Closing fills gaps and corners are rounded, but an absent object
-/// adds nothing.
+/// adds no area.
 const MIN_AREA_RATIO: f64 = 0.5;
 
 /// The merged blob of each track that is in one. `read` holds the observations already assigned by

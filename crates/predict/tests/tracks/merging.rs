@@ -131,7 +131,7 @@ fn half_apart(t: f64, together_s: f64, touching: f64) -> f64 {
 const TOGETHER_S: f64 = 3.0;
 
 #[test]
-fn two_that_meet_and_part_keep_their_ids() {
+fn two_objects_that_meet_and_separate_keep_their_ids() {
     let mut floor = Floor::new();
     for frame in 0..110 {
         let half = half_apart(f64::from(frame) * STEP_S, TOGETHER_S, 9.5);
