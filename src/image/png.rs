@@ -29,6 +29,9 @@ pub enum PngError {
     /// The file is damaged.
     #[error("damaged PNG file: {0}")]
     Damaged(#[from] DecodingError),
+    /// Its palette ends within a colour.
+    #[error("damaged PNG file: its palette has {0} bytes, which is no multiple of three")]
+    Palette(usize),
     /// The size in the header is above the limit, or impossible for the length of the file.
     #[error(
         "PNG file of {n_bytes} bytes that claims {}x{} pixels: sides must be 1 to {MAX_SIDE} pixels, no more than {AREA_MAX} in \
@@ -79,6 +82,11 @@ impl Png {
             return Err(too_large);
         }
         let mut reader = decoder.read_info()?;
+        // The decoder takes three bytes for each colour without looking whether they are there.
+        let n_palette = reader.info().palette.as_ref().map_or(0, |p| p.len());
+        if n_palette % 3 != 0 {
+            return Err(PngError::Palette(n_palette));
+        }
         let mut samples = vec![0; reader.output_buffer_size().ok_or(too_large)?];
         let output = reader.next_frame(&mut samples)?;
         samples.truncate(output.buffer_size());
@@ -221,4 +229,26 @@ pub(crate) fn write(
         panic!("{width}x{height} pixels cannot become a PNG file: {error}");
     }
     file
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Found by fuzzing: the decoder panicked.
+    #[test]
+    fn a_palette_that_ends_within_a_colour_is_refused() {
+        let mut file = Vec::new();
+        let mut encoder = Encoder::new(&mut file, 2, 2);
+        encoder.set_color(ColorType::Indexed);
+        encoder.set_depth(BitDepth::Eight);
+        encoder.set_palette(vec![1, 2, 3, 4]);
+        encoder.set_trns(vec![1, 2]);
+        let mut writer = encoder.write_header().expect("the header can be written");
+        writer
+            .write_image_data(&[0, 1, 0, 1])
+            .expect("the pixels can be written");
+        writer.finish().expect("the end can be written");
+        assert!(matches!(Png::read(&file), Err(PngError::Palette(4))));
+    }
 }

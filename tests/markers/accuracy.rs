@@ -261,25 +261,26 @@ pub(crate) const USUAL: Conditions = Conditions {
 #[test]
 fn small_blurred_and_noisy_markers_are_read_and_nothing_else_is() {
     for (conditions, recall, centre_px, heading_deg) in [
-        (at(12.0), 0.97, 0.04, 0.5),
-        (at(24.0), 0.99, 0.02, 0.15),
+        // Half as much again as BENCHMARKS has.
+        (at(12.0), 0.995, 0.025, 0.3),
+        (at(24.0), 0.995, 0.012, 0.09),
         (
             Conditions {
                 noise: 12.0,
                 ..USUAL
             },
-            0.99,
-            0.06,
-            0.5,
+            0.995,
+            0.04,
+            0.28,
         ),
         (
             Conditions {
                 blur_px: 1.5,
                 ..USUAL
             },
-            0.97,
-            0.06,
-            0.3,
+            0.99,
+            0.028,
+            0.15,
         ),
     ] {
         let score = measure(&built_in_files(), &GREY, conditions, 10);
@@ -312,8 +313,10 @@ fn coloured_markers_on_a_light_table_are_read() {
         let score = measure(&built_in_files(), &palette, USUAL, 6);
         println!("{ink:?}");
         score.print(&USUAL);
-        assert!(score.recall() >= 0.97, "{ink:?}");
-        assert!(score.heading_deg() <= 1.0, "{ink:?}");
+        // Measured: all, 0.011 px, 0.07 degrees.
+        assert!(score.recall() >= 0.995, "{ink:?}");
+        assert!(score.centre_px() <= 0.016, "{ink:?}");
+        assert!(score.heading_deg() <= 0.1, "{ink:?}");
         assert_eq!(
             (score.wrong_names, score.half_turns, score.false_markers),
             (0, 0, 0),
@@ -326,40 +329,78 @@ pub(crate) fn at(plate_px: f32) -> Conditions {
     Conditions { plate_px, ..USUAL }
 }
 
-/// The table in README: `cargo test --release --test markers -- --ignored --nocapture table`.
-/// `FRAMES` sets the number of frames per row.
+/// The table in BENCHMARKS: `cargo test --release --test markers -- --ignored --nocapture table`.
+/// `FRAMES` sets how many frames a row has. What the rows there say may be half as large again, and
+/// twice as many may be missed.
 #[test]
 #[ignore = "takes minutes"]
 fn table() {
     let frames = std::env::var("FRAMES").map_or(60, |n| n.parse().expect("a number"));
-    for conditions in [
-        at(10.0),
-        at(12.0),
-        Conditions {
-            blur_px: 1.0,
-            ..at(14.0)
-        },
-        at(16.0),
-        at(24.0),
-        at(32.0),
-        at(64.0),
-        Conditions {
-            noise: 12.0,
-            ..USUAL
-        },
-        Conditions {
-            noise: 20.0,
-            ..USUAL
-        },
-        Conditions {
-            blur_px: 1.5,
-            ..USUAL
-        },
-        Conditions {
-            slope: 0.1,
-            ..at(48.0)
-        },
+    let unstated = f64::INFINITY;
+    for (conditions, recall, centre_px, heading_deg) in [
+        (at(10.0), 0.999, 0.033, 0.46),
+        (at(12.0), 0.999, 0.025, 0.3),
+        (
+            Conditions {
+                blur_px: 1.0,
+                ..at(14.0)
+            },
+            0.974,
+            0.035,
+            unstated,
+        ),
+        (at(16.0), 0.999, 0.018, 0.165),
+        (at(24.0), 0.999, 0.012, 0.09),
+        (at(32.0), 0.999, 0.0105, 0.06),
+        (at(64.0), 0.999, unstated, unstated),
+        (
+            Conditions {
+                noise: 12.0,
+                ..USUAL
+            },
+            0.999,
+            0.04,
+            unstated,
+        ),
+        (
+            Conditions {
+                noise: 20.0,
+                ..USUAL
+            },
+            0.999,
+            0.068,
+            unstated,
+        ),
+        (
+            Conditions {
+                blur_px: 1.5,
+                ..USUAL
+            },
+            0.996,
+            0.029,
+            unstated,
+        ),
+        (
+            Conditions {
+                slope: 0.1,
+                ..at(48.0)
+            },
+            0.999,
+            unstated,
+            unstated,
+        ),
     ] {
-        measure(&built_in_files(), &GREY, conditions, frames).print(&conditions);
+        let score = measure(&built_in_files(), &GREY, conditions, frames);
+        score.print(&conditions);
+        assert!(score.recall() >= recall, "{conditions:?}");
+        assert!(score.centre_px() <= centre_px, "{conditions:?}");
+        assert!(score.heading_deg() <= heading_deg, "{conditions:?}");
+        assert_eq!(
+            (score.wrong_names, score.half_turns, score.false_markers),
+            (0, 0, 0),
+            "{conditions:?}"
+        );
+        let inside = f64::from(score.inside_ellipse) / f64::from(score.read);
+        assert!((0.89..=0.99).contains(&inside), "{conditions:?}: {inside}");
     }
 }

@@ -106,42 +106,35 @@ fn a_second_program_on_a_service_is_refused_and_leaves_nothing() {
 }
 
 #[test]
-fn planners_read_the_poses_of_the_json_lines() {
+fn a_planner_reads_the_poses_of_the_json_lines() {
+    reads_the_poses(&mut Command::new(example("planner")));
+}
+
+#[test]
+#[ignore = "needs python3 with iceoryx2: cargo test --test process -- --ignored python"]
+fn a_planner_in_python_reads_the_poses_of_the_json_lines() {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/planner.py");
+    reads_the_poses(Command::new("python3").arg(script));
+}
+
+/// The planner prints for five scenes what the JSON lines say.
+fn reads_the_poses(planner: &mut Command) {
     let folder = folder();
     let service = unique("planners");
-    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
-    let arguments = [service.as_str(), "5"];
-    let mut planners = vec![Running::start(
-        Command::new(example("planner")).args(arguments),
-    )];
-    let has_package = Command::new("python3")
-        .args(["-c", "import iceoryx2"])
-        .output()
-        .is_ok_and(|output| output.status.success());
-    if has_package {
-        planners.push(Running::start(
-            Command::new("python3")
-                .arg(examples.join("planner.py"))
-                .args(arguments),
-        ));
-    } else {
-        eprintln!("planner.py is not tested: python3 or its package iceoryx2 is missing");
-    }
+    let planner = Running::start(planner.args([service.as_str(), "5"]));
     let publisher = Running::start(&mut overcam(
         folder.path(),
         &["--json", "--service", &service],
     ));
-    let planned: Vec<_> = planners.into_iter().map(Running::end).collect();
+    let planner = planner.end();
     publisher.signal("INT");
     let published = publisher.end().lines;
-    for planner in planned {
-        assert_eq!((planner.status, planner.errors), (Some(0), vec![]));
-        let mut robots_of = BTreeMap::<usize, u32>::new();
-        for line in &planner.lines {
-            *robots_of.entry(assert_pose(line, &published)).or_default() += 1;
-        }
-        assert!(robots_of.len() == 5 && robots_of.values().all(|&robots| robots == 6));
+    assert_eq!((planner.status, planner.errors), (Some(0), vec![]));
+    let mut robots_of = BTreeMap::<usize, u32>::new();
+    for line in &planner.lines {
+        *robots_of.entry(assert_pose(line, &published)).or_default() += 1;
     }
+    assert!(robots_of.len() == 5 && robots_of.values().all(|&robots| robots == 6));
 }
 
 /// Checks that a planner's line matches the JSON line of its scene. Returns the index of the scene.

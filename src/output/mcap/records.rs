@@ -2,11 +2,12 @@
 //!
 //! A thin layer over the `mcap` crate's sans-io reader, which is fed from any [`Read`]. It adds
 //! what damaged files require: a limit for the length of a record, reads in small portions so that
-//! a corrupt length does not allocate memory for data that do not exist, and a check of
-//! attachments, whose lengths the crate trusts.
+//! a corrupt length does not allocate memory for data that do not exist, and a check of the
+//! lengths of texts and attachments, which the crate trusts.
 //!
 //! Deliberately absent: seeking. A recording is read sequentially, so no index is needed.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -145,7 +146,16 @@ impl<R: Read> Records<R> {
 impl RawRecord {
     /// The record's fields.
     pub(crate) fn parse(&self) -> Result<Record<'_>, RecordsError> {
-        if self.opcode == op::ATTACHMENT && !is_attachment(&self.content) {
+        // It says where chunks are; nobody here goes there.
+        if self.opcode == op::CHUNK_INDEX {
+            return Ok(Record::Unknown {
+                opcode: self.opcode,
+                data: Cow::Borrowed(&self.content),
+            });
+        }
+        let is_whole = has_its_texts(self.opcode, &self.content)
+            && (self.opcode != op::ATTACHMENT || is_attachment(&self.content));
+        if !is_whole {
             return Err(RecordsError::Damaged(McapError::UnexpectedEof));
         }
         mcap::parse_record(self.opcode, &self.content).map_err(RecordsError::Damaged)
@@ -175,13 +185,49 @@ fn read(source: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     }
 }
 
+/// What follows a text and its length.
+fn skip_text(content: &[u8]) -> Option<&[u8]> {
+    let (length, rest) = content.split_first_chunk()?;
+    rest.get(u32::from_le_bytes(*length) as usize..)
+}
+
+/// What follows keys and values and their length in bytes.
+fn skip_map(content: &[u8]) -> Option<&[u8]> {
+    let (length, mut rest) = content.split_first_chunk()?;
+    let end = rest
+        .len()
+        .checked_sub(u32::from_le_bytes(*length) as usize)?;
+    while rest.len() > end {
+        rest = skip_text(skip_text(rest)?)?;
+    }
+    Some(rest)
+}
+
+/// Whether the texts of a record are in it. The crate takes memory for as much as a text claims,
+/// which may be 4 GiB.
+fn has_its_texts(opcode: u8, content: &[u8]) -> bool {
+    let (n_before, n_texts, has_map) = match opcode {
+        op::HEADER => (0, 2, false),
+        op::SCHEMA => (2, 2, false),
+        op::CHANNEL => (4, 2, true),
+        op::CHUNK => (28, 1, false),
+        op::ATTACHMENT => (16, 2, false),
+        op::ATTACHMENT_INDEX => (40, 2, false),
+        op::METADATA => (0, 1, true),
+        op::METADATA_INDEX => (16, 1, false),
+        _ => return true,
+    };
+    let texts = content.get(n_before..);
+    let rest = (0..n_texts).fold(texts, |rest, _| rest.and_then(skip_text));
+    match has_map {
+        true => rest.and_then(skip_map).is_some(),
+        false => rest.is_some(),
+    }
+}
+
 /// Whether the lengths in an attachment record are consistent: two times, name, media type, data,
 /// checksum.
 fn is_attachment(content: &[u8]) -> bool {
-    fn skip_text(content: &[u8]) -> Option<&[u8]> {
-        let (length, rest) = content.split_first_chunk()?;
-        rest.get(u32::from_le_bytes(*length) as usize..)
-    }
     content
         .get(16..)
         .and_then(skip_text)
@@ -216,6 +262,27 @@ mod tests {
         let length_at = endless_data.len() - 15;
         endless_data[length_at..length_at + 8].fill(0xff);
         assert!(!is_attachment(&endless_data));
+    }
+
+    #[test]
+    fn lengths_of_texts_must_fit() {
+        // A channel: two numbers, topic, encoding, and a key with its value.
+        let text = |text: &str| [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
+        let map = [text("key"), text("value")].concat();
+        let length = (map.len() as u32).to_le_bytes().to_vec();
+        let good = [vec![0; 4], text("/image"), text("json"), length, map].concat();
+        assert!(has_its_texts(op::CHANNEL, &good));
+        for length in 0..good.len() {
+            assert!(
+                !has_its_texts(op::CHANNEL, &good[..length]),
+                "{length} bytes"
+            );
+        }
+        for length_at in [4, 14, 22, 26, 33] {
+            let mut endless = good.clone();
+            endless[length_at + 3] = 0x7f;
+            assert!(!has_its_texts(op::CHANNEL, &endless), "{length_at}");
+        }
     }
 
     #[test]

@@ -56,10 +56,12 @@ fn generated_motions() {
     let mean = geometric_mean(all(|row| row.ratios));
     let worst = all(|row| row.ratios).fold(0.0, f64::max);
     println!("geometric mean {mean:.3}, worst {worst:.3}");
-    assert!(mean <= 0.95 && worst <= 1.25, "{mean} {worst}");
+    // What BENCHMARKS says is 0.63 and 1.14, and 0.64 after gaps.
+    assert!(mean <= 0.66 && worst <= 1.2, "{mean} {worst}");
     let worst = all(|row| row.after_gaps).fold(0.0, f64::max);
     let mean = geometric_mean(all(|row| row.after_gaps));
     println!("after gaps: geometric mean {mean:.3}, worst {worst:.3}");
+    assert!(mean <= 0.67, "{mean}");
     assert_eq!(rows.len() % NOISES.len(), 0);
     // Over all kinds together, up to a second ahead.
     for (i, steps) in STEPS.iter().enumerate().take(4) {

@@ -214,7 +214,7 @@ fn twenty_crossing_objects_keep_their_ids() {
     let switches = count.switches_per_1000();
     println!("20 crossing: {switches:.2} switches in 1000 object frames");
     // Measured 0.03. The rest are pairs that move side by side, and tracks of two or three samples.
-    assert!(switches <= 0.1, "{count:?}");
+    assert!(switches <= 0.045, "{count:?}");
 }
 
 #[test]
@@ -231,5 +231,6 @@ fn false_detections_make_no_ghosts() {
     let count = crowd(20, 0.0, 1.0, 6);
     let part = count.ghosts as f64 / count.track_frames as f64;
     println!("ghosts: {:.2} % of track frames", 100.0 * part);
-    assert!(part < 0.005, "{count:?}");
+    // Measured 0.3 %.
+    assert!(part < 0.0045, "{count:?}");
 }
