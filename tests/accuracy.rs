@@ -205,3 +205,109 @@ fn with_a_calibration_everything_is_in_metres() {
         }
     });
 }
+
+/// A camera that looks at the floor from a corner: axes of the floor are neither those of the
+/// picture nor equally long in it.
+fn from_a_corner() -> Calibration {
+    let corner = |x: f64, y: f64| {
+        let w = 1.0 + 1e-4 * x - 2e-4 * y;
+        PointPair {
+            pixel: [x, y],
+            floor: [(0.004 * x + 0.003 * y) / w, (0.002 * x - 0.006 * y) / w],
+        }
+    };
+    let corners = [
+        corner(0.0, 0.0),
+        corner(639.0, 0.0),
+        corner(639.0, 479.0),
+        corner(0.0, 479.0),
+    ];
+    Calibration::fit(&corners).expect("a good fit")
+}
+
+#[test]
+fn on_the_floor_errors_are_those_of_the_picture_as_they_are_mapped() {
+    let mut in_picture = Vec::new();
+    run(1, 5, None, |scene, _| {
+        in_picture.extend_from_slice(scene.objects())
+    });
+    let calibration = from_a_corner();
+    let floor_of = |x, y| calibration.to_floor([x, y]).expect("it is on the floor").at;
+    let mut on_floor = Vec::new();
+    run(1, 5, Some(calibration.clone()), |scene, _| {
+        on_floor.extend_from_slice(scene.objects())
+    });
+    assert_eq!(in_picture.len(), on_floor.len());
+    let mut n_headings = 0;
+    for (picture, floor) in in_picture.iter().zip(&on_floor) {
+        // Derivatives by differences.
+        let (a, b) = (
+            floor_of(picture.x + 0.5, picture.y),
+            floor_of(picture.x - 0.5, picture.y),
+        );
+        let (c, d) = (
+            floor_of(picture.x, picture.y + 0.5),
+            floor_of(picture.x, picture.y - 0.5),
+        );
+        let [[xx, xy], [yx, yy]] = [0, 1].map(|i| [a[i] - b[i], c[i] - d[i]]);
+        let turned = |heading: f64| {
+            let (sin, cos) = heading.sin_cos();
+            (yx * cos + yy * sin).atan2(xx * cos + xy * sin)
+        };
+        let mut growth = 0.0;
+        if let Some(heading) = picture.heading() {
+            n_headings += 1;
+            let expected = turned(heading);
+            let found = floor.heading().expect("a heading, too");
+            let error = fourier::wrapped((found - expected) as f32);
+            assert!(error.abs() < 1e-4, "{found}, not {expected}");
+            let step = turned(heading + 1e-4) - turned(heading - 1e-4);
+            growth = f64::from(fourier::wrapped(step as f32)) / 2e-4;
+        }
+        let map = [[xx, xy, 0.0], [yx, yy, 0.0], [0.0, 0.0, growth]];
+        let times = |a: [[f64; 3]; 3], b: [[f64; 3]; 3]| {
+            [0, 1, 2].map(|i| [0, 1, 2].map(|k| (0..3).map(|j| a[i][j] * b[j][k]).sum::<f64>()))
+        };
+        let transposed = [0, 1, 2].map(|i| [0, 1, 2].map(|k: usize| map[k][i]));
+        let expected = times(times(map, picture.covariance), transposed);
+        for i in 0..3 {
+            for k in 0..3 {
+                let scale = (expected[i][i] * expected[k][k]).sqrt();
+                let (found, expected) = (floor.covariance[i][k], expected[i][k]);
+                assert!(
+                    (found - expected).abs() <= 1e-3 * scale,
+                    "row {i}, column {k}: {found}, not {expected}"
+                );
+            }
+        }
+    }
+    assert!(n_headings >= 5, "{n_headings} headings");
+}
+
+#[test]
+fn errors_turn_with_the_marker() {
+    // A marker that is its own mirror image has errors along it that go with no others, and errors
+    // across it that go with those of its heading where its figure lies beside the plate's middle.
+    let [mut along_across, mut along_heading, mut across_heading] = [0.0_f64; 3];
+    run(60, 7, None, |scene, _| {
+        for object in scene.objects().iter().filter(|object| object.observed()) {
+            let Some(heading) = object.heading() else {
+                continue;
+            };
+            let (sin, cos) = heading.sin_cos();
+            let [[xx, xy, xh], [_, yy, yh], [.., hh]] = object.covariance;
+            let along = cos * cos * xx + 2.0 * sin * cos * xy + sin * sin * yy;
+            let across = sin * sin * xx - 2.0 * sin * cos * xy + cos * cos * yy;
+            let both = sin * cos * (yy - xx) + (cos * cos - sin * sin) * xy;
+            let correlation = |covariance: f64, a: f64, b: f64| covariance.abs() / (a * b).sqrt();
+            along_across = along_across.max(correlation(both, along, across));
+            along_heading = along_heading.max(correlation(cos * xh + sin * yh, along, hh));
+            across_heading = across_heading.max(correlation(cos * yh - sin * xh, across, hh));
+        }
+    });
+    println!("correlations {along_across:.3} {along_heading:.3} {across_heading:.3}");
+    // The grid of the pixels is not its own mirror image.
+    assert!(along_across < 0.1, "{along_across}");
+    assert!(along_heading < 0.2, "{along_heading}");
+    assert!(across_heading > 0.5, "{across_heading}");
+}

@@ -35,11 +35,6 @@ impl Floor {
         Self::Concrete,
     ];
 
-    /// Whether a hard shadow can be told from a black thing by what shows through.
-    pub(crate) fn is_textured(self) -> bool {
-        !matches!(self, Self::Grey | Self::Lino)
-    }
-
     /// Its pixels as a lens shows them.
     pub(crate) fn pixels(self, size: Size) -> Vec<[f32; 3]> {
         let mut pixels: Vec<_> = (0..size.area())

@@ -303,14 +303,6 @@ impl MaskScore {
         }
     }
 
-    pub(crate) fn precision(&self) -> f64 {
-        self.hit as f64 / self.found.max(1) as f64
-    }
-
-    pub(crate) fn recall(&self) -> f64 {
-        self.hit as f64 / self.truth.max(1) as f64
-    }
-
     /// 2PR / (P + R).
     pub(crate) fn f_measure(&self) -> f64 {
         2.0 * self.hit as f64 / (self.truth + self.found).max(1) as f64
@@ -350,7 +342,6 @@ impl Demands {
 }
 
 #[test]
-#[ignore = "slow, and not every goal is reached: cargo test --test floors -- --ignored"]
 fn polygons_are_filled_on_points() {
     let size = Size {
         width: 20,

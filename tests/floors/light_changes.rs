@@ -1,27 +1,21 @@
 //! The light or the camera changes at once.
 
-use std::collections::BTreeSet;
-
-use imgproc::Size;
-
 use crate::body::{BLACK, Body, Paint, RED, Shape};
 use crate::camera::{Camera, Encoding};
 use crate::canvas::Canvas;
 use crate::floor::Floor;
-use crate::judge::{Demands, Judged, LongestRun};
+use crate::judge::{Judged, MaskScore};
 use crate::light::Light;
 use crate::play::{Play, RATE_HZ};
-
-const SIZE: Size = Size {
-    width: 320,
-    height: 240,
-};
+use crate::table::{DrawnScene, Figures, SIZE, per_frame};
 
 /// Frames before something changes.
 const BEFORE: usize = 10;
 
+const ROBOTS: usize = 3;
+
 /// A parked plate, a parked black disc and a red box that drives.
-fn robots(frame: usize) -> [Body; 3] {
+fn robots(frame: usize) -> [Body; ROBOTS] {
     let robot = |shape, paint, at| Body {
         shape,
         paint,
@@ -39,167 +33,77 @@ fn robots(frame: usize) -> [Body; 3] {
     ]
 }
 
-/// What became of the robots and of the empty floor from a change on.
-struct Aftermath {
-    /// Longest time without one of the robots, frames.
-    lost: usize,
-    /// Longest time with false objects, frames.
-    false_run: usize,
-    /// First frame after which all robots are there in every frame.
-    back: usize,
-    /// Different false objects.
-    n_false: usize,
-    /// False objects in the last second.
-    n_false_late: usize,
+/// Frames in the dark.
+const DARK: usize = 20;
+
+/// Frames beneath a second lamp.
+const LAMP: usize = 45;
+
+pub(crate) const SCENES: &[DrawnScene] = &[
+    ("light-longer-exposure", |floor| {
+        after(floor, 0, 30, |_| Light::exposure(1.3))
+    }),
+    ("light-shorter-exposure", |floor| {
+        after(floor, 0, 30, |_| Light::exposure(0.7))
+    }),
+    ("light-white-balance", |floor| {
+        after(floor, 0, 30, |_| Light {
+            gain: [1.15, 1.0, 0.85],
+            ..Light::EVEN
+        })
+    }),
+    ("light-off-and-on", |floor| {
+        after(floor, DARK, RATE_HZ, |since| {
+            Light::exposure(if since < DARK { 0.03 } else { 1.0 })
+        })
+    }),
+    ("light-second-lamp", |floor| {
+        after(floor, 0, LAMP, |_| lamp())
+    }),
+    ("light-second-lamp-off", |floor| {
+        after(floor, LAMP, RATE_HZ, |since| {
+            if since < LAMP { lamp() } else { Light::EVEN }
+        })
+    }),
+];
+
+fn lamp() -> Light {
+    Light {
+        lamp: 0.5,
+        ..Light::EVEN
+    }
 }
 
-/// Shows robots on a floor; the light is a function of the frame since the change.
-fn play(floor: Floor, frames: usize, light: impl Fn(usize) -> Light) -> Aftermath {
+/// Shows robots on a floor; the light is a function of the frame since the first change. Judging
+/// begins `wait` frames later, with the last change: how long it takes until all robots are seen,
+/// and nothing else.
+fn after(floor: Floor, wait: usize, frames: usize, light: fn(usize) -> Light) -> Figures {
     let empty = Canvas::new(floor, SIZE);
     let mut play = Play::learned(Camera::new(3.0, Encoding::Rgb), &empty);
-    let mut lost = [LongestRun::default(); 3];
-    let (mut false_run, mut tracks) = (LongestRun::default(), BTreeSet::new());
-    let (mut back, mut n_false_late) = (0, 0);
-    for frame in 0..BEFORE + frames {
+    let mut mask = MaskScore::default();
+    let (mut n_seen, mut n_false, mut recovered) = (0, 0, 0);
+    for frame in 0..BEFORE + wait + frames {
         let canvas = empty.with(&robots(frame), &[]);
-        let Some(since) = frame.checked_sub(BEFORE) else {
-            play.show(&canvas, &Light::EVEN);
+        let since = frame.checked_sub(BEFORE);
+        let scene = play.show(&canvas, &since.map_or(Light::EVEN, light));
+        let Some(since) = since.and_then(|since| since.checked_sub(wait)) else {
             continue;
         };
-        let judged = Judged::new(play.show(&canvas, &light(since)), &canvas);
-        for (robot, lost) in lost.iter_mut().enumerate() {
-            let sees = judged.sees(robot);
-            lost.add(!sees);
-            if !sees {
-                back = since + 1;
-            }
+        let judged = Judged::new(scene, &canvas);
+        mask.add(&judged);
+        let seen = (0..ROBOTS).filter(|&robot| judged.sees(robot)).count();
+        let here = judged.false_objects().count();
+        if seen < ROBOTS || here > 0 {
+            recovered = since + 1;
         }
-        let n_false = judged.false_objects().count();
-        false_run.add(n_false > 0);
-        tracks.extend(judged.false_objects().map(|object| object.track));
-        if since + RATE_HZ >= frames {
-            n_false_late += n_false;
-        }
+        n_seen += seen;
+        n_false += here;
     }
-    Aftermath {
-        lost: lost.iter().map(|run| run.longest).max().unwrap_or(0),
-        false_run: false_run.longest,
-        back,
-        n_false: tracks.len(),
-        n_false_late,
+    Figures {
+        f: Some(mask.f_measure()),
+        whole: per_frame(n_seen, frames * ROBOTS),
+        n_false: per_frame(n_false, frames),
+        frames: Some(recovered),
+        ..Figures::default()
     }
-}
-
-/// A step of the camera's gain that stays.
-fn step(name: &str, gain: [f32; 3]) {
-    println!("{name}: floor, frames without a robot, frames with false objects, false objects");
-    let mut demands = Demands::default();
-    for floor in Floor::ALL {
-        let stepped = Light {
-            gain,
-            ..Light::EVEN
-        };
-        let after = play(floor, 45, |_| stepped);
-        println!(
-            "  {:10} {:3} {:3} {:3}",
-            format!("{floor:?}"),
-            after.lost,
-            after.false_run,
-            after.n_false
-        );
-        demands.demand(after.lost <= 5, || {
-            format!(
-                "{name}: a robot is lost for {} frames on {floor:?}",
-                after.lost
-            )
-        });
-        demands.demand(after.false_run <= 15, || {
-            format!(
-                "{name}: false objects for {} frames on {floor:?}",
-                after.false_run
-            )
-        });
-    }
-    demands.check();
-}
-
-#[test]
-#[ignore = "slow, and not every goal is reached: cargo test --test floors -- --ignored"]
-fn a_longer_exposure_is_followed() {
-    step("exposure +30 %", [1.3; 3]);
-}
-
-#[test]
-#[ignore = "slow, and not every goal is reached: cargo test --test floors -- --ignored"]
-fn a_shorter_exposure_is_followed() {
-    step("exposure -30 %", [0.7; 3]);
-}
-
-#[test]
-#[ignore = "slow, and not every goal is reached: cargo test --test floors -- --ignored"]
-fn a_white_balance_step_is_followed() {
-    step("white balance", [1.15, 1.0, 0.85]);
-}
-
-/// Frames in the dark.
-const DARK: usize = 40;
-
-/// A handful.
-const FALSE_OBJECTS_MAX: usize = 5;
-
-#[test]
-#[ignore = "slow, and not every goal is reached: cargo test --test floors -- --ignored"]
-fn lights_off_and_on_leave_no_mark() {
-    println!("lights off and on: floor, robots back after, false objects, in the last second");
-    let mut demands = Demands::default();
-    for floor in Floor::ALL {
-        let after = play(floor, DARK + 3 * RATE_HZ, |since| {
-            Light::exposure(if since < DARK { 0.03 } else { 1.0 })
-        });
-        let back = after.back.saturating_sub(DARK);
-        println!(
-            "  {:10} {back:3} {:3} {:3}",
-            format!("{floor:?}"),
-            after.n_false,
-            after.n_false_late
-        );
-        demands.demand(back <= RATE_HZ, || {
-            format!("robots are back {back} frames after the light on {floor:?}")
-        });
-        demands.demand(after.n_false <= FALSE_OBJECTS_MAX, || {
-            format!("{} false objects on {floor:?}", after.n_false)
-        });
-        demands.demand(after.n_false_late == 0, || {
-            format!(
-                "{} false objects in the last second on {floor:?}",
-                after.n_false_late
-            )
-        });
-    }
-    demands.check();
-}
-
-#[test]
-#[ignore = "slow, and not every goal is reached: cargo test --test floors -- --ignored"]
-fn robots_are_back_a_second_after_a_second_lamp() {
-    println!("a second lamp: floor, robots back after, false objects, in the last second");
-    let mut demands = Demands::default();
-    for floor in Floor::ALL {
-        let lamp = Light {
-            lamp: 0.5,
-            ..Light::EVEN
-        };
-        let after = play(floor, 4 * RATE_HZ, |_| lamp);
-        println!(
-            "  {:10} {:3} {:3} {:3}",
-            format!("{floor:?}"),
-            after.back,
-            after.n_false,
-            after.n_false_late
-        );
-        demands.demand(after.back <= RATE_HZ, || {
-            format!("robots are back after {} frames on {floor:?}", after.back)
-        });
-    }
-    demands.check();
 }

@@ -1,8 +1,8 @@
 //! What segmentation is worth on floors of every kind, measured on drawn scenes whose truth is known to a quarter of a pixel.
 //!
 //! Everything goes through the public pipeline with its default settings, and everything is judged by the outlines that it
-//! publishes. `cargo test --test floors -- --nocapture` prints the figures, `--ignored` those of which nothing is demanded;
-//! `FLOORS_FRAMES=5000` in the environment watches empty floors for longer.
+//! publishes. The figures of every scene on every floor are stored in `table.txt`: [`table`]
+//! compares them, and `FLOORS_RENEW=1 cargo test --test floors` stores them anew.
 //!
 //! # How a scene is drawn
 //!
@@ -33,4 +33,5 @@ mod ghosts;
 mod light_changes;
 mod masks;
 mod shadows;
+mod table;
 mod whole_shapes;
