@@ -10,14 +10,22 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::{env, fs};
 
+use imgproc::Size;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use overcam::image::frame::Frame;
 use overcam::run::slot::{Next, Slot};
-use overcam::source::demo::{Floor, NATURAL_SIZE, Truth};
+use overcam::source::demo::{Floor, Truth};
 use overcam::source::replay::Recording;
 use serde_json::Value;
 
 const SEED: u64 = 5;
+
+/// Small, because the program is emulated; `tests/camera/run` says it to the machine. The smallest
+/// plate has 15 pixels.
+const SIZE: Size = Size {
+    width: 400,
+    height: 300,
+};
 
 /// From red, green and blue to the camera's format.
 type Encode = fn(&[u8]) -> Vec<u8>;
@@ -47,7 +55,7 @@ fn file(name: &str) -> PathBuf {
 
 fn drawn(sequence: u64) -> Frame {
     let mut frame = Frame::empty();
-    Floor::new(NATURAL_SIZE, SEED).render(sequence, &mut frame);
+    Floor::new(SIZE, SEED).render(sequence, &mut frame);
     frame
 }
 
@@ -75,12 +83,7 @@ fn jpeg(rgb: &[u8]) -> Vec<u8> {
     let mut encoder = Encoder::new(&mut jpeg, 90);
     encoder.set_sampling_factor(SamplingFactor::F_2_1);
     encoder
-        .encode(
-            rgb,
-            NATURAL_SIZE.width as u16,
-            NATURAL_SIZE.height as u16,
-            ColorType::Rgb,
-        )
+        .encode(rgb, SIZE.width as u16, SIZE.height as u16, ColorType::Rgb)
         .expect("encodes");
     jpeg
 }
@@ -133,7 +136,7 @@ fn write_feeds() {
     write_feed("yuyv.raw", yuyv);
     write_feed("mjpg.mjpg", jpeg);
     write_damaged_feed("damaged.mjpg");
-    let floor = Floor::new(NATURAL_SIZE, SEED).background().to_png();
+    let floor = Floor::new(SIZE, SEED).background().to_png();
     fs::write(file("floor.png"), floor).expect("written");
 }
 
@@ -265,7 +268,7 @@ impl Visible {
 
 fn compare(run: &str, encode: Encode, visible: Visible) {
     let shown = shown(run, &feed(encode));
-    let floor = Floor::new(NATURAL_SIZE, SEED);
+    let floor = Floor::new(SIZE, SEED);
     let visible = visible.of(&floor);
     let mut tally = Tally::default();
     for scene in scenes(run) {
