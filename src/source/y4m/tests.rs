@@ -37,6 +37,12 @@ fn frames_have_numbers_exact_stamps_and_their_bytes() {
 }
 
 #[test]
+fn the_rate_is_that_of_the_header() {
+    let info = stream(TWO_FRAMES).expect("a header").info();
+    assert_eq!(info.rate_hz, Some(30_000.0 / 1001.0));
+}
+
+#[test]
 fn stamps_do_not_drift() {
     assert_eq!(stamp_ns(30_000, (30_000, 1001)), 1_001_000_000_000);
     assert_eq!(stamp_ns(u64::MAX, (1, u32::MAX)), u64::MAX);
