@@ -1,16 +1,21 @@
 //! From shapes to detections: each shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3
 //! of the paper).
 
+pub(crate) mod known;
+
 use fourier::contour::{Region, region};
 use imgproc::contour::fill_contour;
 use imgproc::{Bounds, Size};
 
+use crate::detection::known::KnownMarkers;
 use crate::geometry::outline::{Outline, simplified};
 use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::optics::BlurEstimate;
+use crate::marker::search::{SearchScratch, find_figures};
 use crate::marker::{Family, Recognised, RecognitionSettings};
+use crate::segmentation::SeenPlate;
 use crate::segmentation::shapes::{Shape, Shapes, longest_contour};
 
 /// Maximum number of detections per frame.
@@ -35,6 +40,25 @@ const COVERED_ALIKE: f32 = 0.1;
 const MARGIN_SHARE: f32 = 0.35;
 const MARGIN_PX: u16 = 3;
 
+/// Minimum extent of a figure, relative to the side of its plate.
+const FIGURE_MIN: f32 = 0.3;
+
+/// A figure closer than this to the centre of a plate that was read, in sides of the plate, belongs
+/// to it.
+const SAME_PLATE: f64 = 0.5;
+
+/// Maximum residual of a marker without a shape, as a share of that for others: there is no other
+/// evidence for it.
+const SEARCHED_RESIDUAL: f32 = 0.8;
+
+/// Smallest plate and least contrast, in grey levels, of a marker without a shape. Its contrast is
+/// limited by the noise as well.
+const SEARCHED_PLATE_MIN_PX: f32 = 12.0;
+const SEARCHED_CONTRAST_MIN: f32 = 8.0;
+
+/// Maximum area of a robot, in areas of its plate.
+const ROBOT_PLATES: f64 = 6.0;
+
 /// An object on the floor, in image coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Detection {
@@ -49,6 +73,9 @@ pub(crate) struct Detection {
     /// Outline of the whole object.
     pub(crate) outline: Outline,
 }
+
+/// [`ShapeOf::number`] of a marker without a shape.
+const NO_SHAPE: usize = usize::MAX;
 
 /// The shape of a detection.
 #[derive(Debug, Clone, Copy)]
@@ -68,6 +95,7 @@ pub(crate) struct Detector {
     mask: Vec<u8>,
     grey: Vec<u8>,
     cutout: CutoutScratch,
+    search: SearchScratch,
     optics: BlurEstimate,
     detections: Vec<Detection>,
     /// One for each detection.
@@ -83,6 +111,7 @@ impl Detector {
             mask: vec![0; size.area()],
             grey: vec![0; size.area()],
             cutout: CutoutScratch::new(size),
+            search: SearchScratch::new(size),
             optics: BlurEstimate::new(),
             detections: Vec::with_capacity(MAX_DETECTIONS),
             shapes: Vec::with_capacity(MAX_DETECTIONS),
@@ -104,7 +133,7 @@ impl Detector {
         noise: f32,
         family: &Family,
         recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
-    ) -> (&[Detection], u32) {
+    ) -> u32 {
         self.detections.clear();
         self.shapes.clear();
         self.optics.noise = noise;
@@ -117,9 +146,83 @@ impl Detector {
             };
         }
         self.settle_plates_of_two_shapes();
+        overflow
+    }
+
+    /// The detections of the frame so far.
+    pub(crate) fn detections(&self) -> &[Detection] {
+        &self.detections
+    }
+
+    /// The plates that were read in the frame.
+    pub(crate) fn plates(&self) -> impl Iterator<Item = SeenPlate> + Clone + '_ {
+        let all = self.detections.iter().zip(&self.shapes);
+        all.filter(|(detection, _)| detection.marker.is_some())
+            .map(|(detection, shape)| SeenPlate {
+                centre: detection.centre,
+                side_px: detection.size_px,
+                has_shape: shape.number != NO_SHAPE,
+            })
+    }
+
+    /// Ends a frame: updates the blur estimate from its markers.
+    pub(crate) fn end_frame(&mut self) {
         let read = self.detections.iter().filter_map(|d| d.marker);
         self.optics.learn(read.filter_map(|marker| marker.blur));
-        (&self.detections, overflow)
+    }
+
+    /// Searches part of the picture for markers without the background, and adds those that no shape
+    /// gave. Returns the number dropped for lack of space.
+    pub(crate) fn search(
+        &mut self,
+        bounds: Bounds,
+        picture: &Picture,
+        family: &Family,
+        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
+        known: &mut KnownMarkers,
+    ) -> u32 {
+        let size = bounds.size();
+        let (grey, mask) = (&mut self.grey[..size.area()], &mut self.mask[..size.area()]);
+        intensity(picture, bounds, grey);
+        mask.fill(1);
+        let cutout = Cutout { size, grey, mask };
+        let corner = [f64::from(bounds.left), f64::from(bounds.top)];
+        let (detections, optics) = (&mut self.detections, &self.optics);
+        let mut lost = 0;
+        let at_middle = recognition([
+            corner[0] + size.width as f64 / 2.0,
+            corner[1] + size.height as f64 / 2.0,
+        ]);
+        let extent_px = [FIGURE_MIN * at_middle.plate_min_px, at_middle.plate_max_px];
+        let noise = optics.noise;
+        find_figures(grey, size, noise, extent_px, &mut self.search, |figure| {
+            let centre = [0, 1].map(|i| f64::from(figure.region.centre[i]) + corner[i]);
+            let is_known = |d: &Detection| {
+                d.marker.is_some() && distance(d.centre, centre) < SAME_PLATE * d.size_px
+            };
+            if detections.iter().any(is_known) {
+                return;
+            }
+            let settings = recognition(centre);
+            let stricter = RecognitionSettings {
+                residual_ratio_max: SEARCHED_RESIDUAL * settings.residual_ratio_max,
+                plate_min_px: settings.plate_min_px.max(SEARCHED_PLATE_MIN_PX),
+                contrast_min: SEARCHED_CONTRAST_MIN,
+                ..settings
+            };
+            if let Some(marker) = family.recognise_figure(&figure, cutout, optics, &stricter) {
+                let outline = Outline::square(
+                    [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
+                    f64::from(marker.plate_px),
+                    f64::from(marker.heading_rad),
+                );
+                let found = marked(marker, corner, outline);
+                if known.confirms(&found) {
+                    lost += add_searched(detections, &mut self.shapes, found);
+                }
+            }
+        });
+        lost
     }
 
     /// Finds the markers of one shape, or reports it as an obstacle. Returns the number dropped for
@@ -143,7 +246,9 @@ impl Detector {
         let region = region(&self.polygon);
         let width_px = region.area.max(0.0).sqrt();
         let settings = recognition(region.centre.map(f64::from));
-        for attempt in Attempt::ALL {
+        // What remains of a shape that is cut off may look like another marker.
+        let fits = |attempt: &Attempt| !(shape.is_cut && matches!(attempt.part, Part::Shape));
+        for attempt in Attempt::ALL.into_iter().filter(fits) {
             let known = self.detections.len();
             let lost = self.read_markers(
                 attempt,
@@ -271,21 +376,62 @@ impl Detector {
                 lost += 1;
                 return true;
             }
-            let [x, y] = marker.centre;
-            self.detections.push(Detection {
-                marker: Some(marker),
-                centre: [
-                    f64::from(x) + f64::from(around.left),
-                    f64::from(y) + f64::from(around.top),
-                ],
-                covariance: [0, 1].map(|i| [0, 1].map(|k| f64::from(marker.covariance[i][k]))),
-                size_px: f64::from(marker.plate_px),
-                outline,
-            });
+            let corner = [f64::from(around.left), f64::from(around.top)];
+            self.detections.push(marked(marker, corner, outline));
             true
         });
         lost
     }
+}
+
+/// A marker that was read in a part of the picture whose top left pixel is at `corner`.
+fn marked(marker: Recognised, corner: [f64; 2], outline: Outline) -> Detection {
+    Detection {
+        marker: Some(marker),
+        centre: [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
+        covariance: [0, 1].map(|i| [0, 1].map(|k| f64::from(marker.covariance[i][k]))),
+        size_px: f64::from(marker.plate_px),
+        outline,
+    }
+}
+
+/// Adds a marker without a shape. An obstacle around it that is not much larger than its plate is
+/// the robot that carries it. Returns the number dropped for lack of space.
+fn add_searched(
+    detections: &mut Vec<Detection>,
+    shapes: &mut Vec<ShapeOf>,
+    found: Detection,
+) -> u32 {
+    let plate_px2 = found.size_px * found.size_px;
+    let carries = |d: &Detection| {
+        d.marker.is_none()
+            && d.size_px * d.size_px < ROBOT_PLATES * plate_px2
+            && distance(d.centre, found.centre) < 0.5 * d.size_px.max(found.size_px)
+    };
+    if let Some(robot) = detections.iter_mut().find(|d| carries(d)) {
+        *robot = Detection {
+            outline: robot.outline,
+            ..found
+        };
+        return 0;
+    }
+    if detections.len() == MAX_DETECTIONS {
+        return 1;
+    }
+    detections.push(found);
+    shapes.push(ShapeOf {
+        number: NO_SHAPE,
+        region: Region {
+            area: plate_px2 as f32,
+            centre: found.centre.map(|c| c as f32),
+        },
+        covered: 1.0,
+    });
+    0
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 fn obstacle(region: &Region, outline: Outline) -> Detection {

@@ -18,6 +18,7 @@ pub mod name;
 pub(crate) mod optics;
 mod recognition;
 pub(crate) mod reference;
+pub(crate) mod search;
 mod template;
 
 use fourier::descriptor::Descriptor;
@@ -300,6 +301,7 @@ mod tests {
 
     const SETTINGS: RecognitionSettings = RecognitionSettings {
         residual_ratio_max: 0.04,
+        contrast_min: 25.0,
         plate_min_px: 8.0,
         plate_max_px: 200.0,
     };

@@ -7,6 +7,7 @@
 //! ([`illumination`](crate::background::illumination)).
 
 mod mask;
+mod open;
 pub(crate) mod shapes;
 mod texture;
 
@@ -26,6 +27,7 @@ use crate::background::update::BackgroundUpdate;
 use crate::image::frame::Picture;
 use crate::settings::frames_in;
 use mask::make_mask;
+use open::OpenAreas;
 use shapes::{Found, Shapes};
 use texture::{Evidence, TextureJudge};
 
@@ -39,6 +41,19 @@ const KNOWN_WITHIN_PX: u16 = 10;
 /// After this time under constant illumination, the background is remembered when the illumination
 /// changes.
 const STEADY_S: f64 = 1.0;
+
+/// Maximum share of the picture where objects keep the floor below them when it is relearned.
+const KEPT_SHARE_MAX: f32 = 0.25;
+
+/// Radius of the area that is left open around a robot that was learned as floor, in sides of its
+/// plate.
+const OPEN_PLATES: f64 = 1.0;
+
+/// After this time without the robot, the open area is learned as floor.
+const LEFT_S: f64 = 0.5;
+
+/// A plate is part of the learned floor if no more than this share of it differs from the floor.
+const AS_FLOOR_MAX: f32 = 0.2;
 
 /// Thresholds for objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,6 +101,16 @@ pub(crate) struct Segmenter {
     /// All pixels of the previous frame that were not floor, with a margin.
     covered: Vec<u8>,
     shapes: Shapes,
+    open: OpenAreas,
+}
+
+/// A plate that was read.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SeenPlate {
+    pub(crate) centre: [f64; 2],
+    pub(crate) side_px: f64,
+    /// It was read on a shape, or on the obstacle around it.
+    pub(crate) has_shape: bool,
 }
 
 /// Result of the segmentation of one image.
@@ -151,6 +176,7 @@ impl Segmenter {
             rate_hz,
             covered: bytes(),
             shapes: Shapes::new(size),
+            open: OpenAreas::new(size),
         }
     }
 
@@ -167,11 +193,93 @@ impl Segmenter {
         self.before.fill(0);
         self.steady = self.steady_min;
         self.covered.fill(0);
+        self.open.clear();
     }
 
     /// The background with all updates so far.
     pub(crate) fn floor(&self) -> BackgroundModel {
         self.update.floor()
+    }
+
+    /// Puts the current background into a relearned one wherever an object was in the previous frame:
+    /// objects that did not move while the floor was relearned must not become part of it. If they
+    /// cover more than [`KEPT_SHARE_MAX`] of the picture, the camera has been moved, and nothing
+    /// is kept.
+    pub(crate) fn keep_floor_under_objects(&mut self, learned: &mut BackgroundModel) {
+        let n_covered = self.previous.iter().filter(|&&mask| mask != 0).count();
+        if n_covered == 0 || n_covered as f32 > KEPT_SHARE_MAX * self.size.area() as f32 {
+            return;
+        }
+        let current = self.floor();
+        let gains = self.illumination.gains;
+        let near = &mut self.scratch;
+        dilate_3x3(&self.previous, self.size, &mut self.covered);
+        for _ in 1..MARGIN_PX {
+            dilate_3x3(&self.covered, self.size, near);
+            std::mem::swap(&mut self.covered, near);
+        }
+        for (learned, current, gain) in [
+            (&mut learned.picture.red, &current.picture.red, gains.red),
+            (
+                &mut learned.picture.green,
+                &current.picture.green,
+                gains.green,
+            ),
+            (&mut learned.picture.blue, &current.picture.blue, gains.blue),
+        ] {
+            for ((learned, &current), &near) in learned.iter_mut().zip(current).zip(&self.covered) {
+                if near != 0 {
+                    *learned = (f32::from(current) * gain).round().clamp(0.0, 255.0) as u8;
+                }
+            }
+        }
+        let noise = learned.noise.iter_mut().zip(&current.noise);
+        for ((learned, &current), &near) in noise.zip(&self.covered) {
+            if near != 0 {
+                *learned = current;
+            }
+        }
+    }
+
+    /// Updates the open areas with the markers of the last frame. A marker without a shape, where the
+    /// frame equals the background, is part of the learned floor; the floor there is unknown until the
+    /// robot has left.
+    pub(crate) fn note_markers(&mut self, markers: impl Iterator<Item = SeenPlate> + Clone) {
+        for plate in markers.clone().filter(|plate| !plate.has_shape) {
+            if !self.open.contains(plate.centre) && self.is_as_floor(&plate) {
+                self.open.add(plate.centre, OPEN_PLATES * plate.side_px);
+            }
+        }
+        let (size, gains) = (self.size, self.illumination.gains);
+        let (scratch, update, denoised) = (&mut self.scratch, &mut self.update, &self.denoised);
+        self.open.update(
+            frames_in(LEFT_S, self.rate_hz),
+            |area| {
+                markers
+                    .clone()
+                    .any(|plate| area.is_near(plate.centre, plate.side_px))
+            },
+            |area| {
+                let bounds = area.bounds(size);
+                let shape = &mut scratch[..bounds.size().area()];
+                area.mask(size, shape);
+                update.take(denoised, gains, bounds, shape);
+            },
+        );
+    }
+
+    /// Whether the frame hardly differs from the learned floor on a plate.
+    fn is_as_floor(&self, plate: &SeenPlate) -> bool {
+        let bounds = Bounds::around(plate.centre, 0.5 * plate.side_px, self.size);
+        let rows = usize::from(bounds.top)..=usize::from(bounds.bottom);
+        let n_changed = rows
+            .flat_map(|y| {
+                let row = y * self.size.width;
+                &self.labels[row + usize::from(bounds.left)..=row + usize::from(bounds.right)]
+            })
+            .filter(|&&label| label != FLOOR)
+            .count();
+        (n_changed as f32) < AS_FLOOR_MAX * bounds.size().area() as f32
     }
 
     /// The objects in a picture, clipped to the region.
@@ -210,6 +318,7 @@ impl Segmenter {
             strong: (2.0 * settings.threshold) as u8,
         };
         self.textures.judge(&mut self.labels, &evidence);
+        self.open.take_out(&mut self.labels);
         make_mask(
             &self.labels,
             &self.own,
@@ -326,7 +435,11 @@ impl Segmenter {
         let mut search = self.shapes.search();
         while let Some(found) = self.shapes.next(&mut search, &mut self.scratch) {
             if self.is_object(&found, light, settings) {
-                self.shapes.keep(found);
+                let is_cut = self
+                    .shapes
+                    .contour(&found)
+                    .is_some_and(|c| self.open.cuts(c));
+                self.shapes.keep(found, is_cut);
             } else {
                 self.shapes.remove(&found, &mut self.mask);
             }
@@ -375,7 +488,7 @@ impl Segmenter {
         let mut search = self.shapes.search();
         while let Some(found) = self.shapes.next(&mut search, &mut self.mask) {
             if found.removed.area >= settings.area_min {
-                self.shapes.keep(found);
+                self.shapes.keep(found, false);
             }
         }
     }
@@ -385,6 +498,11 @@ impl Segmenter {
         for ((covered, &label), &mask) in self.covered.iter_mut().zip(&self.labels).zip(&self.mask)
         {
             *covered = u8::from(label != FLOOR || mask != 0);
+        }
+        if let Some(open) = self.open.plane() {
+            for (covered, &open) in self.covered.iter_mut().zip(open) {
+                *covered |= open;
+            }
         }
         // Single pixels are noise and must not stop the update of the background.
         open_3x3(&mut self.covered, self.size, &mut self.scratch);

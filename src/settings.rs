@@ -35,6 +35,9 @@ pub(crate) const LOST_AFTER_S: RangeInclusive<f64> = 0.0..=3600.0;
 /// See [`Settings::confirm`].
 pub(crate) const CONFIRM: RangeInclusive<u32> = 0..=100_000;
 
+/// Minimum contrast between plate and marker, grey levels, if a shape is the only evidence.
+const CONTRAST_MIN: f32 = 25.0;
+
 /// Names of current settings in recordings of earlier versions.
 const FORMER: [&str; 2] = ["plate_mm", "marker_misfit_max"];
 
@@ -173,6 +176,7 @@ impl Settings {
             plate_min_px: self.plate_min.max(min),
             plate_max_px: self.plate_max.min(max),
             residual_ratio_max: self.marker_residual_max,
+            contrast_min: CONTRAST_MIN,
         }
     }
 }

@@ -5,12 +5,13 @@
 //! several cameras there will be one view per camera. Lens and height will be part of its
 //! calibration.
 
-use imgproc::Size;
+use imgproc::{Bounds, Size};
 use predict::{Heading, Observation};
 
 use crate::background::learner::Learner;
 use crate::background::model::BackgroundModel;
 use crate::background::region::Region;
+use crate::detection::known::{KNOWN_MAX, KnownMarkers};
 use crate::detection::{Detection, Detector, MAX_DETECTIONS};
 use crate::geometry::calibration::{Calibration, FloorPoint};
 use crate::geometry::outline::Outline;
@@ -35,6 +36,11 @@ pub(crate) struct View {
     region: Option<Region>,
     picture: Picture,
     detector: Detector,
+    known: KnownMarkers,
+    /// Parts of the picture to be searched for markers in this frame.
+    windows: Vec<Bounds>,
+    /// The floor is new: the whole picture is searched for markers that it may contain.
+    is_floor_new: bool,
     sightings: Vec<Sighting>,
 }
 
@@ -94,6 +100,13 @@ impl View {
             region: None,
             picture: Picture::new(size),
             detector: Detector::new(size),
+            known: KnownMarkers::new(
+                size,
+                rate_hz,
+                settings.top_speed * size.width as f64 / rate_hz,
+            ),
+            windows: Vec::with_capacity(KNOWN_MAX + 1),
+            is_floor_new: false,
             sightings: Vec::with_capacity(MAX_DETECTIONS),
             settings,
         }
@@ -163,6 +176,7 @@ impl View {
             return Ok(false);
         };
         self.detector.forget_blur();
+        self.is_floor_new = true;
         match &mut self.segmenter {
             Some(segmenter) => segmenter.set_background(floor),
             None => self.segmenter = Some(Box::new(Segmenter::new(floor, self.rate_hz))),
@@ -177,7 +191,10 @@ impl View {
             self.learning = Learning::Idle;
         }
         self.learning = match std::mem::replace(&mut self.learning, Learning::Idle) {
-            Learning::Done(floor) => {
+            Learning::Done(mut floor) => {
+                if let Some(segmenter) = &mut self.segmenter {
+                    segmenter.keep_floor_under_objects(&mut floor);
+                }
                 background.get_or_insert(floor);
                 Learning::Idle
             }
@@ -211,9 +228,31 @@ impl View {
             self.settings
                 .recognition(floor.map(|floor| floor.metres_per_px()))
         };
-        let (detections, overflow) =
-            self.detector
-                .detect(shapes, &self.picture, noise, &self.family, &recognition);
+        let (picture, family) = (&self.picture, &self.family);
+        let mut overflow = self
+            .detector
+            .detect(shapes, picture, noise, family, &recognition);
+        self.known.begin_frame();
+        if light != Light::Dark {
+            let first = if std::mem::take(&mut self.is_floor_new) {
+                picture.size.bounds()
+            } else {
+                self.known.next_tile()
+            };
+            self.windows.clear();
+            self.windows.push(first);
+            self.known
+                .add_windows_of_missing(self.detector.detections(), &mut self.windows);
+            for &bounds in &self.windows {
+                overflow +=
+                    self.detector
+                        .search(bounds, picture, family, &recognition, &mut self.known);
+            }
+        }
+        self.detector.end_frame();
+        let detections = self.detector.detections();
+        self.known.update(detections);
+        segmenter.note_markers(self.detector.plates());
         self.sightings.clear();
         let sighted = detections.iter().filter_map(|d| sight(d, calibration));
         self.sightings.extend(sighted);

@@ -16,6 +16,20 @@ pub(crate) struct Outline {
 }
 
 impl Outline {
+    /// The square with this centre, side and direction of one side.
+    pub(crate) fn square([x, y]: [f64; 2], side: f64, direction_rad: f64) -> Self {
+        let (sin, cos) = direction_rad.sin_cos();
+        let mut points = [[0.0; 2]; CAPACITY];
+        let corners = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
+        for (point, [u, v]) in points.iter_mut().zip(corners) {
+            *point = [
+                x + side * (cos * u - sin * v),
+                y + side * (sin * u + cos * v),
+            ];
+        }
+        Self { points, len: 4 }
+    }
+
     /// The corners in order, pixels.
     pub(crate) fn points(&self) -> &[[f64; 2]] {
         &self.points[..self.len]

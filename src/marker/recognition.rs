@@ -41,10 +41,10 @@ const NOISE_DEVIATIONS: f32 = 4.0;
 /// squares, in units of the noise. With equal priors, the probability of an error would be exp(-8).
 const RIVAL_MIN: f32 = 16.0;
 
-/// Minimum contrast between plate and marker: in grey levels, and in units of the noise. With less,
+/// Minimum contrast between plate and marker, in units of the noise and in grey levels. With less,
 /// noise could hide a hundredth of the plate; at 6, a robot in unfavourable colours was taken for a
 /// keyhole.
-const CONTRAST_MIN: (f32, f32) = (25.0, 7.0);
+pub(crate) const CONTRAST_DEVIATIONS: f32 = 7.0;
 
 /// No ink is darker than black; noise and the rounding of grey levels require some tolerance.
 const BLACKER_THAN_BLACK: f32 = 1.1;
@@ -76,6 +76,8 @@ const PART_RESIDUAL_RATIO: f32 = 0.8;
 pub struct RecognitionSettings {
     /// Maximum residual besides noise: RMS over the plate, as a share of the contrast.
     pub residual_ratio_max: f32,
+    /// Minimum contrast between plate and marker, grey levels.
+    pub contrast_min: f32,
     /// Smallest plate, side in pixels.
     pub plate_min_px: f32,
     /// Largest plate, side in pixels.
@@ -130,6 +132,18 @@ impl Family {
             let starts = self.starts_by_pattern(plate.square()?, cutout, optics)?;
             self.best_fit(starts, None, cutout, optics, settings)
         })
+    }
+
+    /// Recognises a figure whose plate is unknown. `None` if it is not a marker, or ambiguous.
+    pub(crate) fn recognise_figure(
+        &self,
+        figure: &Figure<'_>,
+        cutout: Cutout<'_>,
+        optics: &BlurEstimate,
+        settings: &RecognitionSettings,
+    ) -> Option<Recognised> {
+        let starts = self.starts_by_contour(figure, optics)?;
+        self.best_fit(starts, None, cutout, optics, settings)
     }
 
     /// The best fit, if it explains the pixels and no other fit does. `plate` is given if it may be
@@ -343,7 +357,7 @@ fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     let spread = 1.0 + NOISE_DEVIATIONS * (2.0 / fit.n).sqrt();
     let left = fit.residual / block;
     left * left <= noise * noise * spread + residual_max * residual_max
-        && fit.contrast >= CONTRAST_MIN.0.max(CONTRAST_MIN.1 * noise)
+        && fit.contrast >= settings.contrast_min.max(CONTRAST_DEVIATIONS * noise)
         && fit.contrast <= BLACKER_THAN_BLACK * fit.light
         && blur_share <= BLUR_SHARE_MAX
 }

@@ -16,18 +16,28 @@ pub(crate) struct Shape<'a> {
     pub(crate) contour: &'a [Point],
     /// The bounding rectangle.
     pub(crate) bounds: Bounds,
+    /// It may continue in an area where the floor is unknown.
+    pub(crate) is_cut: bool,
 }
 
 /// The shapes of one mask, in reading order.
 #[derive(Debug)]
 pub(crate) struct Shapes {
     size: Size,
-    kept: Vec<(Range<usize>, Bounds)>,
+    kept: Vec<Kept>,
     /// The contours of all kept shapes, concatenated.
     points: Vec<Point>,
     n_points: usize,
     overflow: u32,
     spans: Vec<Span>,
+}
+
+/// A shape, with its contour as a range of all points.
+#[derive(Debug)]
+struct Kept {
+    contour: Range<usize>,
+    bounds: Bounds,
+    is_cut: bool,
 }
 
 /// A shape that was found, before the decision to keep it.
@@ -60,9 +70,10 @@ impl Shapes {
 
     /// The kept shapes.
     pub(crate) fn iter(&self) -> impl Iterator<Item = Shape<'_>> {
-        self.kept.iter().map(|(contour, bounds)| Shape {
-            contour: &self.points[contour.clone()],
-            bounds: *bounds,
+        self.kept.iter().map(|kept| Shape {
+            contour: &self.points[kept.contour.clone()],
+            bounds: kept.bounds,
+            is_cut: kept.is_cut,
         })
     }
 
@@ -103,11 +114,15 @@ impl Shapes {
     }
 
     /// Keeps the shape found last.
-    pub(super) fn keep(&mut self, found: Found) {
+    pub(super) fn keep(&mut self, found: Found, is_cut: bool) {
         match found.contour {
             Some(contour) if self.kept.len() < MAX_SHAPES => {
                 self.n_points = contour.end;
-                self.kept.push((contour, found.removed.bounds));
+                self.kept.push(Kept {
+                    contour,
+                    bounds: found.removed.bounds,
+                    is_cut,
+                });
             }
             _ => self.overflow += 1,
         }
@@ -144,7 +159,7 @@ mod tests {
         let mut search = shapes.search();
         while let Some(found) = shapes.next(&mut search, &mut mask) {
             if found.removed.area >= area_min {
-                shapes.keep(found);
+                shapes.keep(found, false);
             }
         }
         assert!(mask.iter().all(|&pixel| pixel == 0), "the mask is used up");
@@ -185,7 +200,7 @@ mod tests {
         let mut shapes = Shapes::new(size);
         let mut search = shapes.search();
         while let Some(found) = shapes.next(&mut search, &mut mask) {
-            shapes.keep(found);
+            shapes.keep(found, false);
         }
         assert_eq!(shapes.iter().count(), MAX_SHAPES);
         assert_eq!(shapes.overflow() as usize, MAX_SHAPES);

@@ -5,5 +5,6 @@
 
 mod accuracy;
 mod disturbances;
+mod floorless;
 mod random;
 mod scene;

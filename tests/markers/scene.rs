@@ -88,8 +88,8 @@ pub(crate) struct Plate<'a> {
 }
 
 impl Plate<'_> {
-    /// Colour at a point relative to the centre.
-    fn colour(&self, [x, y]: [f32; 2], plate_px: f32, palette: &Palette) -> [f32; 3] {
+    /// Colour at a point relative to the centre; `None` beside the plate and its robot.
+    fn colour(&self, [x, y]: [f32; 2], plate_px: f32, palette: &Palette) -> Option<[f32; 3]> {
         let (sin, cos) = self.turn_rad.sin_cos();
         let at = [
             (cos * x + sin * y) / plate_px,
@@ -97,16 +97,16 @@ impl Plate<'_> {
         ];
         let border = at[0].abs().max(at[1].abs());
         if border <= 0.5 {
-            return if contains(self.figure, at) {
+            return Some(if contains(self.figure, at) {
                 palette.ink
             } else {
                 palette.paper
-            };
+            });
         }
         match self.robot {
-            Robot::Dark if x.hypot(y) < plate_px * 0.75 + 3.0 => [25.0; 3],
-            Robot::Rim(grey) if border <= 0.5 + 3.0 / plate_px => [grey; 3],
-            _ => palette.floor,
+            Robot::Dark if x.hypot(y) < plate_px * 0.75 + 3.0 => Some([25.0; 3]),
+            Robot::Rim(grey) if border <= 0.5 + 3.0 / plate_px => Some([grey; 3]),
+            _ => None,
         }
     }
 }
@@ -311,20 +311,25 @@ fn draw(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, palette: &Palett
     let reach = plate_px * 0.75 + 6.0;
     for y in span(plate.centre[1], reach, size.height) {
         for x in span(plate.centre[0], reach, size.width) {
+            let at = y * size.width + x;
+            let mut before = [0.0; 3];
+            for (before, plane) in before.iter_mut().zip(&*planes) {
+                *before = plane[at];
+            }
             let mut sums = [0.0; 3];
             for i in 0..SUBSAMPLES * SUBSAMPLES {
                 let offset = |i: usize| (i as f32 + 0.5) / SUBSAMPLES as f32 - 0.5;
-                let at = [
+                let point = [
                     x as f32 + offset(i % SUBSAMPLES) - plate.centre[0],
                     y as f32 + offset(i / SUBSAMPLES) - plate.centre[1],
                 ];
-                let colour = plate.colour(at, plate_px, palette);
+                let colour = plate.colour(point, plate_px, palette).unwrap_or(before);
                 for (sum, value) in sums.iter_mut().zip(colour) {
                     *sum += value / (SUBSAMPLES * SUBSAMPLES) as f32;
                 }
             }
             for (plane, value) in planes.iter_mut().zip(sums) {
-                plane[y * size.width + x] = value;
+                plane[at] = value;
             }
         }
     }

@@ -131,6 +131,18 @@ impl Bounds {
         }
     }
 
+    /// The square with this centre and `half` pixels to each side, clipped to the picture.
+    #[must_use]
+    pub fn around([x, y]: [f64; 2], half: f64, size: Size) -> Self {
+        let cut = |at: f64, length: usize| libm::round(at).clamp(0.0, (length - 1) as f64) as u16;
+        Self {
+            left: cut(x - half, size.width),
+            top: cut(y - half, size.height),
+            right: cut(x + half, size.width),
+            bottom: cut(y + half, size.height),
+        }
+    }
+
     /// The same rectangle, moved by `right` columns and `down` rows.
     #[must_use]
     pub const fn moved(self, right: u16, down: u16) -> Self {
