@@ -245,8 +245,8 @@ impl Tally {
 #[derive(Clone, Copy)]
 enum Visible {
     Everything,
-    /// Things that never move are taken for the floor.
-    WhatMoves,
+    /// Obstacles that never move are learned as floor. Parked robots are read all the same.
+    RobotsAndWhatMoves,
 }
 
 impl Visible {
@@ -255,13 +255,14 @@ impl Visible {
         let places = |sequence| {
             floor
                 .truth(sequence)
-                .map(|t| (t.x, t.y))
+                .map(|t| (t.x, t.y, t.marker))
                 .collect::<Vec<_>>()
         };
         let first = places(0);
+        let is_robot = |i: usize| first[i].2.is_some();
         let moves = |i: usize| round().any(|sequence| places(sequence)[i] != first[i]);
         (0..first.len())
-            .map(|i| matches!(self, Self::Everything) || moves(i))
+            .map(|i| matches!(self, Self::Everything) || is_robot(i) || moves(i))
             .collect()
     }
 }
@@ -308,5 +309,5 @@ fn damaged_shows_everything_and_nothing_else() {
 #[test]
 #[ignore = "part of tests/camera/run"]
 fn learned_shows_what_moves() {
-    compare("learned", yuyv, Visible::WhatMoves);
+    compare("learned", yuyv, Visible::RobotsAndWhatMoves);
 }
