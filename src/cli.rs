@@ -160,7 +160,6 @@ pub enum MarkersCommand {
 
 /// Arguments of the source.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Source")]
 pub struct SourceArgs {
     /// Read arguments from a TOML file, see --print-config; those given here have priority
     #[arg(long, value_name = "FILE")]
@@ -230,9 +229,6 @@ pub struct BackgroundArgs {
     pub learn: u32,
 }
 
-/// Heading of the arguments that affect detection.
-const DETECTION: &str = "Detection and tracking";
-
 /// Arguments of a run. Values not given come from the replayed recording or are defaults.
 #[derive(Debug, Args)]
 pub struct RunArgs {
@@ -240,96 +236,86 @@ pub struct RunArgs {
     #[command(flatten)]
     pub source: SourceArgs,
     /// Print the settings in force as a file for --config, and exit
-    #[arg(long, help_heading = "Source")]
+    #[arg(long)]
     pub print_config: bool,
     /// Record every frame and result into a new MCAP file
-    #[arg(long, help_heading = "Recording", value_name = "FILE", value_parser = ending_in(&["mcap"]))]
+    #[arg(long, value_name = "FILE", value_parser = ending_in(&["mcap"]))]
     pub record: Option<PathBuf>,
     /// Record raw frames as JPEG of this quality (1 to 100) instead of losslessly
-    #[arg(long, help_heading = "Recording", value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
+    #[arg(long, value_name = "QUALITY", requires = "record", value_parser = clap::value_parser!(u8).range(1..=100))]
     pub record_jpeg: Option<u8>,
     /// Continue in a new file (FILE-2, FILE-3, ...) before one exceeds this size, in gigabytes
     /// (10^9 bytes)
-    #[arg(long, help_heading = "Recording", value_name = "GB", requires = "record", value_parser = number(GIGABYTES))]
+    #[arg(long, value_name = "GB", requires = "record", value_parser = number(GIGABYTES))]
     pub record_max: Option<f64>,
     /// Continue in a new file (FILE-2, FILE-3, ...) after this many minutes
-    #[arg(long, help_heading = "Recording", value_name = "N", requires = "record", value_parser = number(MINUTES))]
+    #[arg(long, value_name = "N", requires = "record", value_parser = number(MINUTES))]
     pub record_minutes: Option<f64>,
     /// Picture of the empty floor: PNG or JPEG, or a file of `overcam background`
-    #[arg(
-        long,
-        help_heading = "Floor and markers",
-        value_name = "FILE",
-        conflicts_with = "learn"
-    )]
+    #[arg(long, value_name = "FILE", conflicts_with = "learn")]
     pub background: Option<PathBuf>,
     /// Learn the empty floor from the first N frames [default: 30]
-    #[arg(long, help_heading = "Floor and markers", value_name = "N", value_parser = number(settings::LEARN))]
+    #[arg(long, value_name = "N", value_parser = number(settings::LEARN))]
     pub learn: Option<u32>,
     /// Mask image of the frames' size, PNG or JPEG; dark or transparent pixels are ignored
-    #[arg(long, help_heading = "Floor and markers", value_name = "FILE")]
+    #[arg(long, value_name = "FILE")]
     pub region: Option<PathBuf>,
     /// Folder of marker drawings (SVG) that replace the built-in ones
-    #[arg(long, help_heading = "Floor and markers", value_name = "DIR")]
+    #[arg(long, value_name = "DIR")]
     pub markers: Option<PathBuf>,
     /// Calibration points in pixels and metres (TOML); all results are then in metres on the floor
-    #[arg(long, help_heading = "Floor and markers", value_name = "FILE")]
+    #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     /// Side of the printed plates in millimetres, with --calibration; anything a third smaller or
     /// larger is not a marker
-    #[arg(long, help_heading = "Floor and markers", value_name = "MM", value_parser = number(settings::PLATE_MM))]
+    #[arg(long, value_name = "MM", value_parser = number(settings::PLATE_MM))]
     pub plate: Option<f32>,
     /// Name of the shared-memory services
-    #[arg(long, help_heading = "Output", default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
+    #[arg(long, default_value = scene::DEFAULT_SERVICE, value_parser = parse_service)]
     pub service: String,
     /// Let members of this group subscribe; planners set OVERCAM_GROUP=NAME
-    #[arg(
-        long,
-        help_heading = "Output",
-        value_name = "NAME",
-        conflicts_with = "no_publish"
-    )]
+    #[arg(long, value_name = "NAME", conflicts_with = "no_publish")]
     pub group: Option<String>,
     /// Do not publish in shared memory
-    #[arg(long, help_heading = "Output")]
+    #[arg(long)]
     pub no_publish: bool,
     /// Print one JSON object per frame on standard output
-    #[arg(long, help_heading = "Output")]
+    #[arg(long)]
     pub json: bool,
     /// Stop after N frames
-    #[arg(long, help_heading = "Source", value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
     /// Exit with status 1 if the camera is unplugged or stalls, instead of waiting for it
-    #[arg(long, help_heading = "Source")]
+    #[arg(long)]
     pub no_wait: bool,
     /// Foreground threshold in multiples of the noise [default: 5]
-    #[arg(long, help_heading = DETECTION, value_name = "SUM", value_parser = number(settings::THRESHOLD))]
+    #[arg(long, value_name = "SUM", value_parser = number(settings::THRESHOLD))]
     pub threshold: Option<f32>,
     /// Smallest object, in square pixels [default: 80]
-    #[arg(long, help_heading = DETECTION, value_name = "PX2", value_parser = number(settings::AREA_MIN))]
+    #[arg(long, value_name = "PX2", value_parser = number(settings::AREA_MIN))]
     pub area_min: Option<u32>,
     /// Darkest shadow: the share of the floor's lightness that it takes away, 0 to 1 [default: 0.6]
-    #[arg(long, help_heading = DETECTION, value_name = "SHARE", value_parser = number(settings::SHADOW))]
+    #[arg(long, value_name = "SHARE", value_parser = number(settings::SHADOW))]
     pub shadow: Option<f32>,
     /// Smallest marker plate, in pixels [default: 8]
-    #[arg(long, help_heading = DETECTION, value_name = "PX", value_parser = number(settings::PLATE_PX))]
+    #[arg(long, value_name = "PX", value_parser = number(settings::PLATE_PX))]
     pub plate_min: Option<f32>,
     /// Largest marker plate, in pixels [default: 400]
-    #[arg(long, help_heading = DETECTION, value_name = "PX", value_parser = number(settings::PLATE_PX))]
+    #[arg(long, value_name = "PX", value_parser = number(settings::PLATE_PX))]
     pub plate_max: Option<f32>,
     /// What a marker may differ from its drawing by, besides noise: root mean square over the
     /// plate, as a share of the contrast [default: 0.05]
-    #[arg(long, help_heading = DETECTION, value_name = "SHARE", value_parser = number(settings::RESIDUAL))]
+    #[arg(long, value_name = "SHARE", value_parser = number(settings::RESIDUAL))]
     pub marker_residual_max: Option<f32>,
     /// Speed of the fastest object, in widths of the picture a second [default: 0.75]
-    #[arg(long, help_heading = DETECTION, value_name = "WIDTHS", value_parser = number(settings::TOP_SPEED))]
+    #[arg(long, value_name = "WIDTHS", value_parser = number(settings::TOP_SPEED))]
     pub top_speed: Option<f64>,
     /// How long an object that is not seen is reported where its forecast says, in seconds
     /// [default: 0.27]
-    #[arg(long, help_heading = DETECTION, value_name = "SECONDS", value_parser = number(settings::LOST_AFTER_S))]
+    #[arg(long, value_name = "SECONDS", value_parser = number(settings::LOST_AFTER_S))]
     pub lost_after: Option<f64>,
     /// Frames in which an object must have been seen before it is reported [default: 1]
-    #[arg(long, help_heading = DETECTION, value_name = "N", value_parser = number(settings::CONFIRM))]
+    #[arg(long, value_name = "N", value_parser = number(settings::CONFIRM))]
     pub confirm: Option<u32>,
 }
 
