@@ -226,7 +226,7 @@ fn outline(svg: &str) -> Result<Vec<[f32; 2]>, Reason> {
     fine.outline(&fine.figures()).ok_or(Reason::ReachesOut)
 }
 
-/// The tree to draw, with placeholders for elements that cannot be drawn.
+/// The tree to draw, with stand-ins for elements that cannot be drawn.
 fn tree(svg: &str) -> Result<usvg::Tree, Reason> {
     let options = roxmltree::ParsingOptions {
         allow_dtd: true,

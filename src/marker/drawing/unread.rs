@@ -3,7 +3,7 @@
 //! Most are rejected wherever they occur: animations, scripts, external files, and style sheet
 //! rules that `usvg` does not support. Text and foreign objects are common in files that do not
 //! show them: on a hidden layer, in a definition, in an unselected branch of a `switch`. They are
-//! therefore replaced by placeholder elements that `usvg` reads, and the visible ones are found in
+//! therefore replaced by stand-in elements that `usvg` reads, and the visible ones are found in
 //! its tree ([`is_text`], [`is_foreign`]).
 
 use std::borrow::Cow;
@@ -16,11 +16,11 @@ use crate::marker::drawing::Reason;
 
 const SVG: &str = "http://www.w3.org/2000/svg";
 
-/// The placeholder path for text: a triangle that does not occur in drawings.
+/// The stand-in path for text: a triangle that does not occur in drawings.
 const TEXT_PATH: &str = "M0.25 0.125L1.75 0.375L1.125 1.625Z";
 const TEXT_POINTS: [[f32; 2]; 3] = [[0.25, 0.125], [1.75, 0.375], [1.125, 1.625]];
 
-/// The placeholder image for a foreign object, and its side.
+/// The stand-in image for a foreign object, and its side.
 const FOREIGN_HREF: &str = "overcam:foreignObject";
 const FOREIGN_SIDE: f32 = 3.0;
 
@@ -396,7 +396,7 @@ fn refuse_value(name: &str, value: &str, id: &str) -> Result<(), Reason> {
     Ok(())
 }
 
-/// The file with text and foreign objects replaced by placeholders; `None` if there are none.
+/// The file with text and foreign objects replaced by stand-ins; `None` if there are none.
 pub(super) fn with_stand_ins(svg: &str, document: &Document) -> Result<Option<String>, Reason> {
     let mut out = String::new();
     let (mut copied, mut replaced) = (0, 0..0);
@@ -471,14 +471,14 @@ pub(super) fn image_resolver() -> usvg::ImageHrefResolver<'static> {
     }
 }
 
-/// Whether a path is the placeholder for text.
+/// Whether a path is the stand-in for text.
 pub(super) fn is_text(path: &usvg::Path) -> bool {
     let same = |(a, b): (&Point, [f32; 2])| [a.x, a.y] == b;
     let points = path.data().points();
     points.len() == TEXT_POINTS.len() && points.iter().zip(TEXT_POINTS).all(same)
 }
 
-/// Whether an image is the placeholder for a foreign object.
+/// Whether an image is the stand-in for a foreign object.
 pub(super) fn is_foreign(image: &usvg::Image) -> bool {
     image.size().width() == FOREIGN_SIDE
 }
