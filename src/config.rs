@@ -157,12 +157,7 @@ impl Arguments {
              # is the default.",
             env!("CARGO_PKG_VERSION")
         )?;
-        let mut heading = None;
         for argument in in_files(&command) {
-            if argument.get_help_heading() != heading {
-                heading = argument.get_help_heading();
-                writeln!(out, "\n## {}", heading.unwrap_or("Other"))?;
-            }
             let name = argument.get_id().as_str();
             let help = argument.get_help().map(ToString::to_string);
             writeln!(out)?;

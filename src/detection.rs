@@ -4,10 +4,10 @@
 pub(crate) mod known;
 
 use fourier::contour::{Region, region};
-use imgproc::contour::fill_contour;
+use imgproc::contour::{contour_capacity, fill_contour};
 use imgproc::{Bounds, Size};
 
-use crate::detection::known::KnownMarkers;
+use crate::detection::known::{KnownMarkers, Reading};
 use crate::geometry::outline::{Outline, simplified};
 use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
@@ -16,7 +16,7 @@ use crate::marker::optics::BlurEstimate;
 use crate::marker::search::{SearchScratch, find_figures};
 use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::segmentation::SeenPlate;
-use crate::segmentation::shapes::{Shape, Shapes, longest_contour};
+use crate::segmentation::shapes::{Shape, Shapes};
 
 /// Maximum number of detections per frame.
 pub(crate) const MAX_DETECTIONS: usize = scene::MAX_OBJECTS;
@@ -74,6 +74,17 @@ pub(crate) struct Detection {
     pub(crate) outline: Outline,
 }
 
+impl Detection {
+    fn reading(&self) -> Option<Reading> {
+        self.marker.map(|marker| Reading {
+            marker: marker.marker,
+            centre: self.centre,
+            heading_rad: f64::from(marker.heading_rad),
+            plate_px: self.size_px,
+        })
+    }
+}
+
 /// [`ShapeOf::number`] of a marker without a shape.
 const NO_SHAPE: usize = usize::MAX;
 
@@ -107,7 +118,7 @@ impl Detector {
     pub(crate) fn new(size: Size) -> Self {
         Self {
             size,
-            polygon: Vec::with_capacity(longest_contour(size)),
+            polygon: Vec::with_capacity(contour_capacity(size)),
             mask: vec![0; size.area()],
             grey: vec![0; size.area()],
             cutout: CutoutScratch::new(size),
@@ -154,6 +165,11 @@ impl Detector {
         &self.detections
     }
 
+    /// The markers that were read in the frame.
+    pub(crate) fn readings(&self) -> impl Iterator<Item = Reading> + Clone + '_ {
+        self.detections.iter().filter_map(Detection::reading)
+    }
+
     /// The plates that were read in the frame.
     pub(crate) fn plates(&self) -> impl Iterator<Item = SeenPlate> + Clone + '_ {
         let all = self.detections.iter().zip(&self.shapes);
@@ -171,8 +187,8 @@ impl Detector {
         self.optics.learn(read.filter_map(|marker| marker.blur));
     }
 
-    /// Searches part of the picture for markers without the background, and adds those that no shape
-    /// gave. Returns the number dropped for lack of space.
+    /// Searches part of the picture for markers without the background, and adds those that no
+    /// shape gave. Returns the number dropped for lack of space.
     pub(crate) fn search(
         &mut self,
         bounds: Bounds,
@@ -217,7 +233,10 @@ impl Detector {
                     f64::from(marker.heading_rad),
                 );
                 let found = marked(marker, corner, outline);
-                if known.confirms(&found) {
+                if found
+                    .reading()
+                    .is_some_and(|reading| known.confirms(reading))
+                {
                     lost += add_searched(detections, &mut self.shapes, found);
                 }
             }

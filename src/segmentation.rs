@@ -201,10 +201,10 @@ impl Segmenter {
         self.update.floor()
     }
 
-    /// Puts the current background into a relearned one wherever an object was in the previous frame:
-    /// objects that did not move while the floor was relearned must not become part of it. If they
-    /// cover more than [`KEPT_SHARE_MAX`] of the picture, the camera has been moved, and nothing
-    /// is kept.
+    /// Puts the current background into a relearned one wherever an object was in the previous
+    /// frame: objects that did not move while the floor was relearned must not become part of it.
+    /// If they cover more than [`KEPT_SHARE_MAX`] of the picture, the camera has been moved, and
+    /// nothing is kept.
     pub(crate) fn keep_floor_under_objects(&mut self, learned: &mut BackgroundModel) {
         let n_covered = self.previous.iter().filter(|&&mask| mask != 0).count();
         if n_covered == 0 || n_covered as f32 > KEPT_SHARE_MAX * self.size.area() as f32 {
@@ -241,9 +241,9 @@ impl Segmenter {
         }
     }
 
-    /// Updates the open areas with the markers of the last frame. A marker without a shape, where the
-    /// frame equals the background, is part of the learned floor; the floor there is unknown until the
-    /// robot has left.
+    /// Updates the open areas with the markers of the last frame. A marker without a shape, where
+    /// the frame equals the background, is part of the learned floor; the floor there is unknown
+    /// until the robot has left.
     pub(crate) fn note_markers(&mut self, markers: impl Iterator<Item = SeenPlate> + Clone) {
         for plate in markers.clone().filter(|plate| !plate.has_shape) {
             if !self.open.contains(plate.centre) && self.is_as_floor(&plate) {

@@ -242,7 +242,7 @@ impl View {
             self.windows.clear();
             self.windows.push(first);
             self.known
-                .add_windows_of_missing(self.detector.detections(), &mut self.windows);
+                .add_windows_of_missing(self.detector.readings(), &mut self.windows);
             for &bounds in &self.windows {
                 overflow +=
                     self.detector
@@ -251,7 +251,7 @@ impl View {
         }
         self.detector.end_frame();
         let detections = self.detector.detections();
-        self.known.update(detections);
+        self.known.end_frame(self.detector.readings());
         segmenter.note_markers(self.detector.plates());
         self.sightings.clear();
         let sighted = detections.iter().filter_map(|d| sight(d, calibration));

@@ -3,7 +3,7 @@
 
 use imgproc::{Bounds, Size};
 
-use crate::detection::{Detection, MAX_DETECTIONS};
+use crate::settings::frames_in;
 
 /// Number of tiles in a row and in a column. The square of it is the number of frames in which the
 /// whole picture is searched once.
@@ -18,35 +18,29 @@ const KEPT_S: f64 = 0.5;
 /// Half width of a search window, in sides of the plate.
 const WINDOW_PLATES: f64 = 1.25;
 
-/// Two readings agree if heading and size differ by no more than this between two frames: an angle, and
-/// a ratio.
-const AGREEING_TURN: f64 = 0.35;
+/// Two readings agree if heading and size differ by no more than this angle and this ratio.
+const AGREEING_TURN_RAD: f32 = 0.35;
 const AGREEING_SIZE: f64 = 1.15;
 
 /// Maximum number of known markers.
-pub(crate) const KNOWN_MAX: usize = 2 * MAX_DETECTIONS;
+pub(crate) const KNOWN_MAX: usize = 2 * scene::MAX_OBJECTS;
 
-/// A marker that was read.
+/// A marker that was read in a frame.
 #[derive(Debug, Clone, Copy)]
-struct Known {
-    marker: usize,
-    centre: [f64; 2],
-    heading_rad: f64,
-    plate_px: f64,
-    /// Number of frames since it was read.
-    missed: u32,
+pub(crate) struct Reading {
+    /// Index in the family.
+    pub(crate) marker: usize,
+    pub(crate) centre: [f64; 2],
+    pub(crate) heading_rad: f64,
+    pub(crate) plate_px: f64,
 }
 
-impl Known {
-    fn of(detection: &Detection) -> Option<Self> {
-        detection.marker.map(|marker| Self {
-            marker: marker.marker,
-            centre: detection.centre,
-            heading_rad: f64::from(marker.heading_rad),
-            plate_px: detection.size_px,
-            missed: 0,
-        })
-    }
+/// A marker of the last frames.
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    last: Reading,
+    /// Number of frames since it was read.
+    missed: u32,
 }
 
 /// The markers of the last frames, and the next tile.
@@ -66,27 +60,22 @@ impl KnownMarkers {
         Self {
             size,
             known: Vec::with_capacity(KNOWN_MAX),
-            kept_frames: crate::settings::frames_in(KEPT_S, rate_hz),
+            kept_frames: frames_in(KEPT_S, rate_hz),
             motion_px,
             next_tile: 0,
         }
     }
 
-    /// Adds the search windows of all known markers that are not among the detections.
+    /// Adds the search windows of all known markers that are not among the readings of this frame.
     pub(crate) fn add_windows_of_missing(
         &self,
-        detections: &[Detection],
+        readings: impl Iterator<Item = Reading> + Clone,
         windows: &mut Vec<Bounds>,
     ) {
-        for known in &self.known {
-            let reach = known.plate_px + self.motion_px;
-            let is_read = detections.iter().any(|detection| {
-                detection.marker.is_some_and(|m| m.marker == known.marker)
-                    && distance(detection.centre, known.centre) < reach
-            });
-            if !is_read {
-                let half = WINDOW_PLATES * known.plate_px + self.motion_px;
-                windows.push(Bounds::around(known.centre, half, self.size));
+        for Known { last, .. } in &self.known {
+            if !readings.clone().any(|new| self.may_be(last, &new)) {
+                let half = WINDOW_PLATES * last.plate_px + self.motion_px;
+                windows.push(Bounds::around(last.centre, half, self.size));
             }
         }
     }
@@ -110,24 +99,18 @@ impl KnownMarkers {
         }
     }
 
-    /// Whether a marker that was found without a shape agrees with one that was read before. A single
-    /// reading is not enough to report a marker; it is kept, and confirmed by the next one.
-    pub(crate) fn confirms(&mut self, found: &Detection) -> bool {
-        let Some(new) = Known::of(found) else {
-            return false;
-        };
-        let is_confirmed = self.known.iter().any(|known| {
-            let turn = (new.heading_rad - known.heading_rad).sin().abs();
-            let half_turn = (new.heading_rad - known.heading_rad).cos() < 0.0;
-            known.marker == new.marker
-                && known.missed > 0
-                && distance(known.centre, new.centre) < new.plate_px + self.motion_px
-                && turn < AGREEING_TURN.sin()
-                && !half_turn
-                && (new.plate_px / known.plate_px).ln().abs() < AGREEING_SIZE.ln()
+    /// Whether a marker that was found without a shape agrees with one of an earlier frame. A
+    /// single reading is not enough to report a marker; it is kept, and confirmed by the next one.
+    pub(crate) fn confirms(&mut self, new: Reading) -> bool {
+        let mut earlier = self.known.iter().filter(|known| known.missed > 0);
+        let is_confirmed = earlier.any(|Known { last, .. }| {
+            let turn = fourier::wrapped((new.heading_rad - last.heading_rad) as f32).abs();
+            self.may_be(last, &new)
+                && turn < AGREEING_TURN_RAD
+                && (new.plate_px / last.plate_px).ln().abs() < AGREEING_SIZE.ln()
         });
-        if !is_confirmed && self.known.len() < KNOWN_MAX {
-            self.known.push(new);
+        if !is_confirmed {
+            self.add(new);
         }
         is_confirmed
     }
@@ -139,28 +122,38 @@ impl KnownMarkers {
         }
     }
 
-    /// Updates the known markers with those of a frame.
-    pub(crate) fn update(&mut self, detections: &[Detection]) {
-        let (kept_frames, motion_px) = (self.kept_frames, self.motion_px);
-        let read = detections.iter().filter_map(Known::of);
-        for new in read {
-            let same = |known: &&mut Known| {
-                known.marker == new.marker
-                    && known.missed > 0
-                    && distance(known.centre, new.centre) < new.plate_px + motion_px
-            };
-            if let Some(known) = self.known.iter_mut().find(same) {
-                *known = new;
-            } else if self.known.len() < KNOWN_MAX {
-                self.known.push(new);
+    /// Ends a frame: updates the known markers with its readings.
+    pub(crate) fn end_frame(&mut self, readings: impl Iterator<Item = Reading>) {
+        for new in readings {
+            let same = |known: &Known| known.missed > 0 && self.may_be(&known.last, &new);
+            match self.known.iter().position(same) {
+                Some(i) => {
+                    self.known[i] = Known {
+                        last: new,
+                        missed: 0,
+                    };
+                }
+                None => self.add(new),
             }
         }
+        let kept_frames = self.kept_frames;
         self.known.retain(|known| known.missed <= kept_frames);
     }
-}
 
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+    fn add(&mut self, new: Reading) {
+        if self.known.len() < KNOWN_MAX {
+            self.known.push(Known {
+                last: new,
+                missed: 0,
+            });
+        }
+    }
+
+    /// Whether two readings of successive frames may be the same marker.
+    fn may_be(&self, last: &Reading, new: &Reading) -> bool {
+        let [dx, dy] = [0, 1].map(|i| new.centre[i] - last.centre[i]);
+        last.marker == new.marker && dx.hypot(dy) < new.plate_px + self.motion_px
+    }
 }
 
 #[cfg(test)]
@@ -183,5 +176,60 @@ mod tests {
             }
         }
         assert!(covered.iter().all(|&covered| covered == 1));
+    }
+
+    fn reading(centre: [f64; 2], heading_rad: f64) -> Reading {
+        Reading {
+            marker: 3,
+            centre,
+            heading_rad,
+            plate_px: 24.0,
+        }
+    }
+
+    #[test]
+    fn a_reading_counts_once_a_later_one_agrees() {
+        let size = Size {
+            width: 320,
+            height: 240,
+        };
+        let mut markers = KnownMarkers::new(size, 30.0, 8.0);
+        let mut confirmed = |new: Reading| {
+            markers.begin_frame();
+            let confirms = markers.confirms(new);
+            markers.end_frame(confirms.then_some(new).into_iter());
+            confirms
+        };
+        assert!(!confirmed(reading([100.0, 80.0], 3.1)));
+        assert!(!confirmed(reading([200.0, 80.0], 3.1)), "far away");
+        assert!(!confirmed(reading([101.0, 80.0], 0.1)), "turned round");
+        assert!(
+            confirmed(reading([102.0, 80.0], -3.1)),
+            "across the half turn"
+        );
+        assert!(confirmed(reading([104.0, 80.0], -3.0)));
+    }
+
+    #[test]
+    fn a_missing_marker_is_searched_for_until_it_is_forgotten() {
+        let size = Size {
+            width: 320,
+            height: 240,
+        };
+        let mut markers = KnownMarkers::new(size, 10.0, 8.0);
+        let known = reading([100.0, 80.0], 0.0);
+        markers.begin_frame();
+        markers.end_frame([known].into_iter());
+        let mut windows = Vec::new();
+        markers.begin_frame();
+        markers.add_windows_of_missing([known].into_iter(), &mut windows);
+        assert!(windows.is_empty(), "it is read");
+        for frame in 0..8 {
+            windows.clear();
+            markers.add_windows_of_missing(std::iter::empty(), &mut windows);
+            markers.end_frame(std::iter::empty());
+            markers.begin_frame();
+            assert_eq!(windows.len(), usize::from(frame < 5), "frame {frame}");
+        }
     }
 }

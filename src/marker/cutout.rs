@@ -29,7 +29,8 @@
 
 use fourier::contour::{Region, region};
 use imgproc::contour::{
-    Removed, Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
+    Removed, Span, contour_capacity, fill_contour, follow_contour, next_shape, remove_shape,
+    span_capacity,
 };
 use imgproc::fit::Within;
 use imgproc::isoline::follow_isoline;
@@ -177,12 +178,6 @@ impl CutoutScratch {
             isoline: vec![[0.0; 2]; 2 * contour_capacity(size)],
         }
     }
-}
-
-/// Maximum number of contour points: eight times the perimeter of the picture. Longer contours are
-/// noise.
-pub(crate) fn contour_capacity(size: Size) -> usize {
-    16 * (size.width + size.height)
 }
 
 /// Calls `found` with every light region, in reading order, and in a small shape finally with all

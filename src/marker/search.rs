@@ -1,5 +1,5 @@
-//! Finds markers without a background: every dark region that light surrounds may be the figure of a
-//! marker.
+//! Finds markers without a background: every dark region that light surrounds may be the figure of
+//! a marker.
 //!
 //! A pixel is dark if it is darker than the mean of a square window around it by a few times the
 //! noise. The window must be about as large as the figure, and not so large that the surroundings
@@ -8,19 +8,19 @@
 //! line half-way between them, as on a plate with a known outline
 //! ([`cutout`](crate::marker::cutout)).
 //!
-//! This finds plates that touch, plates on larger objects, plates in shadow, and plates that are part
-//! of the learned floor. The candidates are judged as strictly as all others.
+//! This finds plates that touch, plates on larger objects, plates in shadow, and plates that are
+//! part of the learned floor. The candidates are judged as strictly as all others.
 
 use fourier::contour::region;
 use imgproc::contour::{
-    Span, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
+    Span, contour_capacity, fill_contour, follow_contour, next_shape, remove_shape, span_capacity,
 };
 use imgproc::isoline::follow_isoline;
 use imgproc::morphology::dilate_3x3;
 use imgproc::split::{histogram, split};
 use imgproc::{Bounds, Point, Size, crop};
 
-use crate::marker::cutout::{Figure, contour_capacity};
+use crate::marker::cutout::Figure;
 use crate::marker::recognition::CONTRAST_DEVIATIONS;
 
 /// Half the width of the windows, pixels.
@@ -33,12 +33,13 @@ const EXTENT_MAX: f32 = 2.2;
 /// Minimum area of a figure. The smallest figure on a plate of ten pixels covers about as many.
 const AREA_MIN_PX2: usize = 9;
 
-/// A dark pixel is darker than the mean of its window by this many standard deviations of the noise,
-/// and by at least two grey levels because of rounding.
+/// A dark pixel is darker than the mean of its window by this many standard deviations of the
+/// noise, and by at least two grey levels because of rounding.
 const DARK_DEVIATIONS: f32 = 3.0;
 const DARK_MIN: f32 = 2.0;
 
-/// Width of the ring around a figure that must be light, and the minimum share of light pixels in it.
+/// Width of the ring around a figure that must be light, and the minimum share of light pixels in
+/// it.
 const RING_PX: u16 = 2;
 const RING_LIGHT_MIN: f32 = 0.8;
 
@@ -82,8 +83,8 @@ impl SearchScratch {
     }
 }
 
-/// Calls `found` with every dark figure that light surrounds. `noise` is the standard deviation of a
-/// pixel in grey levels, `extent_px` the range of the larger of width and height of a figure.
+/// Calls `found` with every dark figure that light surrounds. `noise` is the standard deviation of
+/// a pixel in grey levels, `extent_px` the range of the larger of width and height of a figure.
 pub(crate) fn find_figures(
     grey: &[u8],
     size: Size,
@@ -184,8 +185,8 @@ fn figure<'a>(
     Some(Figure { contour, region })
 }
 
-/// Computes the integral image: for every corner between pixels the sum of all grey levels above and
-/// to the left of it.
+/// Computes the integral image: for every corner between pixels the sum of all grey levels above
+/// and to the left of it.
 fn sum_up(grey: &[u8], size: Size, sums: &mut [u32]) {
     let stride = size.width + 1;
     sums[..stride].fill(0);
@@ -240,8 +241,8 @@ mod tests {
         height: 60,
     };
 
-    /// Draws rectangles on top of each other, (left, top, right, bottom, grey), and returns areas and
-    /// centres of the figures found.
+    /// Draws rectangles on top of each other, (left, top, right, bottom, grey), and returns areas
+    /// and centres of the figures found.
     fn figures(floor: u8, rectangles: &[(usize, usize, usize, usize, u8)]) -> Vec<(f32, [f32; 2])> {
         let mut grey = vec![floor; SIZE.area()];
         for &(left, top, right, bottom, value) in rectangles {

@@ -15,8 +15,8 @@ const AREAS_MAX: usize = 64;
 /// Share of an area's pixels that differ from the learned floor once the robot has left.
 const CHANGED_MIN: f32 = 0.15;
 
-/// Maximum distance between an area and a shape that is cut off by it: the opening of the mask leaves
-/// a gap.
+/// Maximum distance between an area and a shape that is cut off by it: the opening of the mask
+/// leaves a gap.
 const CUT_PX: f64 = 4.0;
 
 /// A circle in the picture.
@@ -104,8 +104,8 @@ impl OpenAreas {
         }
     }
 
-    /// Removes the areas that differed from the learned floor for `empty_frames_max` frames without a
-    /// robot near them (`is_occupied`), and calls `left` with each.
+    /// Removes the areas that differed from the learned floor for `empty_frames_max` frames without
+    /// a robot near them (`is_occupied`), and calls `left` with each.
     pub(super) fn update(
         &mut self,
         empty_frames_max: u32,

@@ -3,7 +3,9 @@
 
 use std::ops::Range;
 
-use imgproc::contour::{Removed, Span, follow_contour, next_shape, remove_shape, span_capacity};
+use imgproc::contour::{
+    Removed, Span, contour_capacity, follow_contour, next_shape, remove_shape, span_capacity,
+};
 use imgproc::{Bounds, Point, Size};
 
 /// Maximum number of shapes per frame; the excess is counted.
@@ -61,7 +63,7 @@ impl Shapes {
         Self {
             size,
             kept: Vec::with_capacity(MAX_SHAPES),
-            points: vec![Point::default(); size.area().max(longest_contour(size))],
+            points: vec![Point::default(); size.area().max(contour_capacity(size))],
             n_points: 0,
             overflow: 0,
             spans: vec![Span::default(); span_capacity(size)],
@@ -99,7 +101,7 @@ impl Shapes {
         let start = next_shape(mask, self.size, search.from)?;
         search.from = usize::from(start.y) * self.size.width + usize::from(start.x);
         let free = &mut self.points[self.n_points..];
-        let room = free.len().min(longest_contour(self.size));
+        let room = free.len().min(contour_capacity(self.size));
         let contour = follow_contour(mask, self.size, start, &mut free[..room]).ok();
         Some(Found {
             start,
@@ -132,12 +134,6 @@ impl Shapes {
     pub(super) fn remove(&mut self, found: &Found, mask: &mut [u8]) {
         remove_shape(mask, self.size, found.start, &mut self.spans);
     }
-}
-
-/// Maximum number of contour points: eight times the perimeter of the picture. Longer contours are
-/// noise.
-pub(crate) const fn longest_contour(size: Size) -> usize {
-    16 * (size.width + size.height)
 }
 
 #[cfg(test)]

@@ -143,7 +143,8 @@ impl Body {
         }
     }
 
-    /// Distance of points of the picture from its outer edge, negative inside: a hole belongs to the object.
+    /// Distance of points of the picture from its outer edge, negative inside: a hole belongs to
+    /// the object.
     pub(crate) fn distances(self) -> impl Fn([f32; 2]) -> f32 {
         let local = to_local(self.at, self.heading_rad);
         move |point| self.shape.outer_distance(local(point))

@@ -25,7 +25,8 @@ pub(crate) enum Encoding {
 /// A sensor and its encoder.
 #[derive(Debug)]
 pub(crate) struct Camera {
-    /// Standard deviation at a grey value of 128. Half of the variance there is that of arriving light.
+    /// Standard deviation at a grey value of 128. Half of the variance there is that of arriving
+    /// light.
     noise_sigma: f32,
     encoding: Encoding,
     /// Rows exposed so far: each has its own noise.
@@ -75,7 +76,8 @@ impl Camera {
                 let lit = lit.min(255.0);
                 // Within 3 % the square root of (1 + lit / 128) / 2.
                 let sigma = self.noise_sigma * (0.73 + 0.002 * lit);
-                // A plain cast is not vectorised: the sum has the nearest whole number in its lowest bits.
+                // A plain cast is not vectorised: the sum has the nearest whole number in its
+                // lowest bits.
                 let whole = (lit + sigma * noise).clamp(0.0, 255.0) + (1 << 23) as f32;
                 *out = whole.to_bits() as u8;
             }

@@ -223,7 +223,8 @@ mod tests {
         assert!((at(20, 30) - WHITE[0]).abs() < 0.1);
         assert!((at(50, 30) - 72.0).abs() < 0.1);
         assert!((at(75, 30) - 120.0).abs() < 0.1);
-        // Brightness is neither won nor lost at the edge: what the disc adds is its area times its contrast.
+        // Brightness is neither won nor lost at the edge: what the disc adds is its area times its
+        // contrast.
         let added: f32 = canvas.pixels[..]
             .chunks_exact(size.width)
             .flat_map(|row| &row[..35])

@@ -74,7 +74,8 @@ fn robots() -> [Body; 2] {
     ]
 }
 
-/// Down to six tenths of the light and back, redder on the way, brighter on one side and then on another.
+/// Down to six tenths of the light and back, redder on the way, brighter on one side and then on
+/// another.
 fn light(frame: usize) -> Light {
     let day = frame as f32 / FRAMES as f32;
     let dim = 0.8 + 0.2 * (std::f32::consts::TAU * day).cos();

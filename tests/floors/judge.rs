@@ -232,7 +232,8 @@ impl<'a> Judged<'a> {
         }
     }
 
-    /// Share of shadow that was taken for an object, where the light left is within a range and no object's edge is near.
+    /// Share of shadow that was taken for an object, where the light left is within a range and no
+    /// object's edge is near.
     pub(crate) fn shadow_taken(&self, light_left: std::ops::RangeInclusive<f32>) -> Share {
         let near = self.near_objects();
         let mut share = Share::default();

@@ -5,7 +5,8 @@
 pub(crate) struct Light {
     /// Red, green and blue.
     pub(crate) gain: [f32; 3],
-    /// Change across the picture from left to right and from top to bottom, as a share of the middle.
+    /// Change across the picture from left to right and from top to bottom, as a share of the
+    /// middle.
     pub(crate) slope: [f32; 2],
     /// Strength of a second lamp near the top left corner: share added beneath it.
     pub(crate) lamp: f32,

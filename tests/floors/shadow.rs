@@ -20,7 +20,8 @@ pub(crate) fn neutral(left: f32) -> [f32; 3] {
     [left; 3]
 }
 
-/// What the sky leaves where the sun is covered: blue is 7 % stronger against red than in the light.
+/// What the sky leaves where the sun is covered: blue is 7 % stronger against red than in the
+/// light.
 pub(crate) fn bluish(left: f32) -> [f32; 3] {
     [0.975 * left, left, 1.043 * left]
 }

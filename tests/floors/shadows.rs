@@ -1,7 +1,7 @@
 //! Shadows are no objects, and black things are no shadows.
 //!
-//! What counts as soft and hard is decided by the light that is left at each pixel, so that the penumbra of a hard shadow
-//! counts as what it is.
+//! What counts as soft and hard is decided by the light that is left at each pixel, so that the
+//! penumbra of a hard shadow counts as what it is.
 
 use overcam::image::frame::Frame;
 

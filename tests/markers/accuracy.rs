@@ -283,17 +283,28 @@ fn small_blurred_and_noisy_markers_are_read_and_nothing_else_is() {
             0.15,
         ),
     ] {
-        let score = measure(&built_in_files(), &GREY, conditions, 10);
-        score.print(&conditions);
-        assert!(score.recall() >= recall, "{conditions:?}");
-        assert!(score.centre_px() <= centre_px, "{conditions:?}");
-        assert!(score.heading_deg() <= heading_deg, "{conditions:?}");
-        assert_eq!(
-            (score.wrong_names, score.half_turns, score.false_markers),
-            (0, 0, 0),
-            "{conditions:?}"
-        );
+        measure_within(conditions, 10, [recall, centre_px, heading_deg]);
     }
+}
+
+/// Measures black markers on grey, and asserts limits for recall, centre and heading, and that
+/// nothing is wrong or false.
+fn measure_within(
+    conditions: Conditions,
+    frames: u64,
+    [recall, centre_px, heading_deg]: [f64; 3],
+) -> Score {
+    let score = measure(&built_in_files(), &GREY, conditions, frames);
+    score.print(&conditions);
+    assert!(score.recall() >= recall, "{conditions:?}");
+    assert!(score.centre_px() <= centre_px, "{conditions:?}");
+    assert!(score.heading_deg() <= heading_deg, "{conditions:?}");
+    assert_eq!(
+        (score.wrong_names, score.half_turns, score.false_markers),
+        (0, 0, 0),
+        "{conditions:?}"
+    );
+    score
 }
 
 /// Red, blue and green on white on a light table: the plate is hardly brighter than the table, and
@@ -390,16 +401,7 @@ fn table() {
             unstated,
         ),
     ] {
-        let score = measure(&built_in_files(), &GREY, conditions, frames);
-        score.print(&conditions);
-        assert!(score.recall() >= recall, "{conditions:?}");
-        assert!(score.centre_px() <= centre_px, "{conditions:?}");
-        assert!(score.heading_deg() <= heading_deg, "{conditions:?}");
-        assert_eq!(
-            (score.wrong_names, score.half_turns, score.false_markers),
-            (0, 0, 0),
-            "{conditions:?}"
-        );
+        let score = measure_within(conditions, frames, [recall, centre_px, heading_deg]);
         let inside = f64::from(score.inside_ellipse) / f64::from(score.read);
         assert!((0.89..=0.99).contains(&inside), "{conditions:?}: {inside}");
     }

@@ -145,6 +145,13 @@ pub fn follow_contour<'a>(
     }
 }
 
+/// Points of the longest contour worth following in a picture: eight times its perimeter. Longer
+/// contours are noise.
+#[must_use]
+pub const fn contour_capacity(size: Size) -> usize {
+    16 * (size.width + size.height)
+}
+
 /// Number of spans that [`remove_shape`] needs: the maximum number of runs in a mask.
 #[must_use]
 pub const fn span_capacity(size: Size) -> usize {
