@@ -387,7 +387,7 @@ fn as_toml(value: &OsStr) -> String {
     }
 }
 
-/// Placeholder in a comment for an argument without a default.
+/// What a comment shows for an argument without a default.
 fn stand_in(argument: &Arg) -> String {
     let names = argument.get_value_names().unwrap_or_default();
     format!("<{}>", names.first().map_or("VALUE", |name| name.as_str()))

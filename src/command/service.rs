@@ -167,7 +167,7 @@ fn a_file_a_start(path: &Path) -> OsString {
     path.with_file_name(name).into()
 }
 
-/// Placeholder for the id of the start.
+/// systemd replaces it by the id of the start.
 const STARTS: &str = "-${INVOCATION_ID}";
 
 fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String {

@@ -137,7 +137,7 @@ impl KnownMarkers {
             }
         }
         let kept_frames = self.kept_frames;
-        self.known.retain(|known| known.missed <= kept_frames);
+        self.known.retain(|known| known.missed < kept_frames);
     }
 
     fn add(&mut self, new: Reading) {
