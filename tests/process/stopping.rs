@@ -14,10 +14,13 @@ fn an_interrupted_recording_is_complete() {
     let folder = folder();
     for signal in ["INT", "TERM", "HUP"] {
         let file = format!("{signal}.mcap");
-        let running = Running::start(&mut overcam(
-            folder.path(),
-            &[&PLAIN[..], &["--json", "--record", &file]].concat(),
-        ));
+        // The tests themselves may run under nohup.
+        let mut command = Command::new("env");
+        command
+            .current_dir(folder.path())
+            .args(["--default-signal=HUP", env!("CARGO_BIN_EXE_overcam")])
+            .args([&PLAIN[..], &["--json", "--record", &file]].concat());
+        let running = Running::start(&mut command);
         let mut lines: Vec<String> = (0..20).map(|_| running.next_line()).collect();
         running.signal(signal);
         let ended = running.end();
