@@ -210,35 +210,14 @@ impl Segmenter {
         if n_covered == 0 || n_covered as f32 > KEPT_SHARE_MAX * self.size.area() as f32 {
             return;
         }
-        let current = self.floor();
-        let gains = self.illumination.gains;
         let near = &mut self.scratch;
         dilate_3x3(&self.previous, self.size, &mut self.covered);
         for _ in 1..MARGIN_PX {
             dilate_3x3(&self.covered, self.size, near);
             std::mem::swap(&mut self.covered, near);
         }
-        for (learned, current, gain) in [
-            (&mut learned.picture.red, &current.picture.red, gains.red),
-            (
-                &mut learned.picture.green,
-                &current.picture.green,
-                gains.green,
-            ),
-            (&mut learned.picture.blue, &current.picture.blue, gains.blue),
-        ] {
-            for ((learned, &current), &near) in learned.iter_mut().zip(current).zip(&self.covered) {
-                if near != 0 {
-                    *learned = (f32::from(current) * gain).round().clamp(0.0, 255.0) as u8;
-                }
-            }
-        }
-        let noise = learned.noise.iter_mut().zip(&current.noise);
-        for ((learned, &current), &near) in noise.zip(&self.covered) {
-            if near != 0 {
-                *learned = current;
-            }
-        }
+        let gains = self.illumination.gains;
+        self.update.copy_floor(gains, &self.covered, learned);
     }
 
     /// Updates the open areas with the markers of the last frame. A marker without a shape, where

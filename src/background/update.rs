@@ -117,9 +117,7 @@ impl BackgroundUpdate {
     pub(crate) fn floor(&self) -> BackgroundModel {
         let [red, green, blue] = [0, 1, 2].map(|i: usize| {
             let levels = self.channels[i].iter();
-            levels
-                .map(|&value| ((u32::from(value) + 128) >> 8).min(255) as u8)
-                .collect()
+            levels.map(|&value| rounded(value)).collect()
         });
         BackgroundModel {
             picture: Picture {
@@ -129,6 +127,31 @@ impl BackgroundUpdate {
                 blue,
             },
             noise: self.noise.clone(),
+        }
+    }
+
+    /// Copies the current background, in the light of `gains`, to wherever a mask is set.
+    pub(crate) fn copy_floor(&self, gains: Gains, mask: &[u8], to: &mut BackgroundModel) {
+        let Picture {
+            red, green, blue, ..
+        } = &mut to.picture;
+        let gains = [gains.red, gains.green, gains.blue];
+        for ((to, current), gain) in [red, green, blue]
+            .into_iter()
+            .zip(&self.channels)
+            .zip(gains)
+        {
+            for ((to, &value), &mask) in to.iter_mut().zip(current).zip(mask) {
+                if mask != 0 {
+                    let lit = f32::from(rounded(value)) * gain;
+                    *to = lit.round().clamp(0.0, 255.0) as u8;
+                }
+            }
+        }
+        for ((to, &noise), &mask) in to.noise.iter_mut().zip(&self.noise).zip(mask) {
+            if mask != 0 {
+                *to = noise;
+            }
         }
     }
 
@@ -363,4 +386,9 @@ fn smoothed(
         }
     }
     smooth
+}
+
+/// A level of 256ths, rounded to whole levels.
+fn rounded(value: u16) -> u8 {
+    ((u32::from(value) + 128) >> 8).min(255) as u8
 }
