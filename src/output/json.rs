@@ -342,6 +342,10 @@ mod tests {
         #[test]
         fn six_digits_are_those_that_formatting_gives(mantissa in -10.0..10.0f64, exponent in -15..25i32) {
             let value = mantissa * 10f64.powi(exponent);
+            if value.abs() < 1e-17 {
+                prop_assert_eq!(round_significant(value), 0.0);
+                return Ok(());
+            }
             let naive: f64 = format!("{value:.5e}").parse().expect("a number");
             let close = (round_significant(value) - naive).abs() <= 1e-5 * value.abs();
             prop_assert!(close, "{value:e}: {:e} instead of {naive:e}", round_significant(value));
