@@ -55,13 +55,23 @@ pub fn region(points: &[[f32; 2]]) -> Region {
 /// If there is no point.
 #[must_use]
 pub fn resample(points: &[[f32; 2]]) -> [Complex32; N] {
+    resample_mapped(points, |point| point)
+}
+
+/// [`resample`] for the polygon of mapped points.
+pub(crate) fn resample_mapped(
+    points: &[[f32; 2]],
+    map: impl Fn([f32; 2]) -> [f32; 2],
+) -> [Complex32; N] {
     assert!(!points.is_empty(), "a contour needs points");
-    let length: f32 = edges(points).map(|(a, b)| distance(a, b)).sum();
+    let mapped_edges = || edges(points).map(|(a, b)| (map(a), map(b)));
+    let length: f32 = mapped_edges().map(|(a, b)| distance(a, b)).sum();
     let step = length / N as f32;
-    let mut samples = [Complex32::new(points[0][0], points[0][1]); N];
+    let [x, y] = map(points[0]);
+    let mut samples = [Complex32::new(x, y); N];
     let mut n = 1;
     let mut walked = 0.0;
-    for (a, b) in edges(points) {
+    for (a, b) in mapped_edges() {
         let edge = distance(a, b);
         while n < N && step * n as f32 <= walked + edge && edge > 0.0 {
             let share = (step * n as f32 - walked) / edge;
@@ -74,7 +84,7 @@ pub fn resample(points: &[[f32; 2]]) -> [Complex32; N] {
 }
 
 /// The edges of the polygon, the closing one last.
-fn edges(points: &[[f32; 2]]) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
+pub(crate) fn edges(points: &[[f32; 2]]) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
     points
         .iter()
         .copied()

@@ -16,6 +16,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod affine;
 pub mod contour;
 pub mod descriptor;
 pub mod fft;
