@@ -16,6 +16,9 @@
 //!
 //! # Range
 //!
+//! A plate that is seen at an angle is not a square in the picture. [`fit_curved_shape`] fits a map
+//! of twelve numbers instead of position, rotation and size ([`PlateMap`]).
+//!
 //! The initial pose must be right to within about a pixel, 3 degrees and a twentieth of the size,
 //! as the descriptor of the contour gives it. Starts farther away are rejected as another shape.
 //! Only pixels inside the plate count, and only those at least two blurs from its border, because
@@ -28,31 +31,24 @@
 
 use crate::{Bounds, Size, assert_len};
 
-use equations::{BLUR, SIZE, Solution, TURN, UNKNOWNS, X, Y};
+use curved::Curved;
+use descent::{Fitted, Model, descend};
+use upright::Upright;
 use view::View;
 
 pub use layers::Layers;
+pub use plate_map::PlateMap;
 
+mod curved;
+mod descent;
 mod equations;
 mod layers;
+mod plate_map;
+mod upright;
 mod view;
 
 /// Maximum number of rounds, besides the one for the light. Most fits end after two or three.
 const ROUNDS_MAX: usize = 7;
-
-/// A fit is given up when a round starts with a residual above the permitted one times this factor,
-/// for the first round, the second, and so on. Shapes that are present start with less than 4.8,
-/// 2.9, 1.7 and 1.5.
-const GIVE_UP: [f32; 4] = [8.0, 3.5, 2.0, 1.5];
-
-/// A fit is given up when the first round's equations predict a residual above the permitted one
-/// times this factor. Shapes that are present: 4.2 at plates of 12 pixels, less on larger ones.
-const GIVE_UP_PROMISED: f32 = 4.5;
-
-/// A fit is given up when it is still over the limit of the last round, and the round before
-/// reduced the residual by less than this share. If the shape is present, every round halves the
-/// excess.
-const PROGRESS_MIN: f32 = 0.1;
 
 /// A fit ends with a step that moves no point of the plate by more than this; the next step would
 /// be a tenth of it.
@@ -64,7 +60,6 @@ const LAST_STEP_BLUR: f64 = 0.03;
 /// The first rounds combine pixels so that a plate is this many blocks across. A few blocks already
 /// show a wrong shape, and a blurred picture has a wider range of convergence.
 const COARSE_ACROSS: f32 = 12.0;
-const COARSE_ROUNDS: usize = 2;
 
 /// Plates from this size on are fitted to blocks of pixels, so that a plate is never more than
 /// twice this many blocks across.
@@ -148,6 +143,34 @@ pub struct Fit {
     pub blur_ln_variance: f32,
 }
 
+/// What is known of the picture of a plate before [`fit_curved_shape`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StretchPrior {
+    /// Expected blur of the lens, pixels.
+    pub blur_px: f32,
+    /// Expected stretch, as in [`CurvedFit::stretch`].
+    pub stretch: [f32; 2],
+    /// Standard deviation of each of the two numbers.
+    pub sigma: f32,
+    /// How the perspective is expected to change across the plate: the map's terms of second degree
+    /// as movements of a pixel in the picture, factors of x², xy and y² for x and y, per pixel.
+    pub curvature: [[f32; 3]; 2],
+    /// Standard deviation of every factor of the second degree in [`PlateMap`].
+    pub curvature_sigma: f32,
+}
+
+/// Result of a fit of a plate that may be seen at an angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvedFit {
+    /// The result as for an upright plate.
+    pub fit: Fit,
+    /// How the plate is stretched in the axes of the picture. It is longer along x by `exp` of
+    /// twice the first number than along y, and the same for the diagonals and the second number.
+    pub stretch: [f32; 2],
+    /// Variances of the two numbers.
+    pub stretch_variance: [f32; 2],
+}
+
 /// Fits a shape to a plane of grey values: to the whole plate, or only to the part `within` a mask.
 ///
 /// `None` if the pixels do not determine the pose (plate outside of the plane, no contrast), lead
@@ -166,89 +189,143 @@ pub fn fit_shape(
     start: Pose,
     prior: &Prior,
 ) -> Option<Fit> {
+    let views = [COARSE_ACROSS, PLATE_BINNED_PX / 2.0].map(|across| {
+        view(
+            plane,
+            size,
+            within,
+            layers,
+            start.centre,
+            start.plate_px / across,
+        )
+    });
+    let fitted = descend(Upright::new(start), [&views[0], &views[1]], prior)?;
+    let poses = [upright::X, upright::Y, upright::TURN];
+    let covariance = poses.map(|i| poses.map(|k| fitted.covariance[i][k] as f32));
+    Some(result(
+        &fitted,
+        fitted.model.pose,
+        covariance,
+        upright::BLUR,
+    ))
+}
+
+/// Fits a shape whose plate may be seen at an angle or through a wide lens. `start` must be right to
+/// within about a pixel, 3 degrees, and a twentieth of the size in every direction.
+///
+/// Position and heading of the result are those of the plate's centre and of the drawing's axis in
+/// the picture, and its size is the square root of the plate's area.
+///
+/// `None` as for [`fit_shape`], and if the plate is stretched too far.
+///
+/// # Panics
+///
+/// As [`fit_shape`].
+#[must_use]
+pub fn fit_curved_shape(
+    plane: &[u8],
+    size: Size,
+    within: Option<Within<'_>>,
+    layers: Layers<'_>,
+    start: PlateMap,
+    prior: &Prior,
+    expected: &StretchPrior,
+) -> Option<CurvedFit> {
+    let views = [COARSE_ACROSS, PLATE_BINNED_PX / 2.0].map(|across| {
+        view(
+            plane,
+            size,
+            within,
+            layers,
+            start.origin,
+            start.unit_px / across,
+        )
+    });
+    let curved = Curved::new(start, expected.blur_px, *expected);
+    descend(curved, [&views[0], &views[1]], prior).map(|fitted| curved_result(&fitted))
+}
+
+/// Continues a fit of an upright plate, which may be seen at a small angle. Otherwise as
+/// [`fit_curved_shape`].
+///
+/// # Panics
+///
+/// As [`fit_shape`].
+#[must_use]
+pub fn refine_shape(
+    plane: &[u8],
+    size: Size,
+    within: Option<Within<'_>>,
+    layers: Layers<'_>,
+    start: &Pose,
+    prior: &Prior,
+    expected: &StretchPrior,
+) -> Option<CurvedFit> {
+    let block_px = start.plate_px / (PLATE_BINNED_PX / 2.0);
+    let fine = view(plane, size, within, layers, start.centre, block_px);
+    let curved = Curved::new(PlateMap::upright(start), start.blur_px, *expected);
+    descend(curved, [&fine, &fine], prior).map(|fitted| curved_result(&fitted))
+}
+
+fn curved_result(fitted: &Fitted<Curved, { curved::UNKNOWNS }>) -> CurvedFit {
+    let Curved { map, blur_px, .. } = fitted.model;
+    let covariance_of = |a: &[f64; curved::UNKNOWNS], b: &[f64; curved::UNKNOWNS]| -> f64 {
+        let rows = fitted.covariance.iter().zip(a);
+        rows.map(|(row, a)| a * row.iter().zip(b).map(|(c, b)| c * b).sum::<f64>())
+            .sum()
+    };
+    let poses = curved::pose_factors(&map);
+    let covariance = [0, 1, 2]
+        .map(|i: usize| [0, 1, 2].map(|k: usize| covariance_of(&poses[i], &poses[k]) as f32));
+    let stretches = curved::stretch_factors(&map);
+    CurvedFit {
+        fit: result(fitted, map.pose(blur_px), covariance, curved::BLUR),
+        stretch: map.stretch(),
+        stretch_variance: stretches.map(|factors| covariance_of(&factors, &factors) as f32),
+    }
+}
+
+fn view<'a>(
+    plane: &'a [u8],
+    size: Size,
+    within: Option<Within<'a>>,
+    layers: Layers<'a>,
+    origin: [f32; 2],
+    block_px: f32,
+) -> View<'a> {
     assert_len("plane", plane.len(), size);
     if let Some(Within { mask, bounds }) = within {
         assert_len("mask", mask.len(), bounds.size());
     }
-    let view = |blocks_across: f32| View {
+    View {
         plane,
         size,
         within,
         layers,
-        block_px: (start.plate_px / blocks_across).max(1.0) as usize,
-        origin: start.centre,
-    };
-    let (coarse, fine) = (view(COARSE_ACROSS), view(PLATE_BINNED_PX / 2.0));
-    let (mut state, coverage_variance) = coarse.lit(start)?;
-    let mut before = f32::INFINITY;
-    for round in 0..ROUNDS_MAX {
-        let last_view = round >= COARSE_ROUNDS || coarse.block_px == fine.block_px;
-        let view = if last_view { &fine } else { &coarse };
-        let block_px = view.block_px;
-        let noise = f64::from(prior.noise / block_px as f32);
-        let mut normal = view.normal(&state);
-        let n = normal.n;
-        if n < UNKNOWNS as f32 + 3.0 {
-            return None;
-        }
-        let freedom = f64::from(n) - UNKNOWNS as f64;
-        let variance = (normal.squares / freedom).max(noise * noise);
-        let residual_max = prior.residual_ratio_max * state.light * state.share;
-        let allowed = libm::hypot(noise, f64::from(residual_max));
-        let excess = |squares: f64| (libm::sqrt(squares.max(0.0) / freedom) / allowed) as f32;
-        let left = excess(normal.squares);
-        let stuck = left > GIVE_UP[3] && left > (1.0 - PROGRESS_MIN) * before;
-        if stuck || left > GIVE_UP[round.min(3)] {
-            return None;
-        }
-        before = if last_view { left } else { f32::INFINITY };
-        let pose = state.pose;
-        for (unknown, now, start, sigma) in [
-            (BLUR, pose.blur_px, start.blur_px, prior.blur_ln_sigma),
-            (SIZE, pose.plate_px, start.plate_px, prior.plate_ln_sigma),
-        ] {
-            let off = libm::logf(now / start);
-            normal.expect(unknown, off, variance / f64::from(sigma * sigma));
-        }
-        let squares = normal.squares;
-        let Solution {
-            step,
-            taken,
-            inverse,
-        } = normal.solve()?;
-        if round == 0 && excess(squares - taken) > GIVE_UP_PROMISED {
-            return None;
-        }
-        state.take(&step);
-        if !state.is_near(&start) {
-            return None;
-        }
-        let half_px = f64::from(pose.plate_px) / 2.0;
-        let moved_px = [step[X], step[Y], step[TURN] * half_px, step[SIZE] * half_px];
-        let small = last_view
-            && moved_px.iter().all(|moved| moved.abs() < LAST_STEP_PX)
-            && step[BLUR].abs() < LAST_STEP_BLUR;
-        if small || round + 1 == ROUNDS_MAX {
-            let left = ((squares - taken) / freedom).max(0.0);
-            let variance = left.max(noise * noise);
-            let covariance =
-                [X, Y, TURN].map(|i| [X, Y, TURN].map(|k| (variance * inverse[i][k]) as f32));
-            let contrast = state.light * state.share;
-            let shown = f64::from(contrast * contrast) * coverage_variance;
-            return Some(Fit {
-                pose: state.pose,
-                light: state.light,
-                contrast,
-                residual: libm::sqrt(left) as f32 * block_px as f32,
-                r_squared: (shown / (shown + left)) as f32,
-                n,
-                block_px,
-                covariance,
-                blur_ln_variance: (variance * inverse[BLUR][BLUR]) as f32,
-            });
-        }
+        block_px: block_px.max(1.0) as usize,
+        origin,
     }
-    None
+}
+
+fn result<M: Model<N>, const N: usize>(
+    fitted: &Fitted<M, N>,
+    pose: Pose,
+    covariance: [[f32; 3]; 3],
+    blur: usize,
+) -> Fit {
+    let contrast = fitted.model.light().contrast();
+    let shown = f64::from(contrast * contrast) * fitted.coverage_variance;
+    Fit {
+        pose,
+        light: fitted.model.light().bare,
+        contrast,
+        residual: libm::sqrt(fitted.left) as f32 * fitted.block_px as f32,
+        r_squared: (shown / (shown + fitted.left)) as f32,
+        n: fitted.n,
+        block_px: fitted.block_px,
+        covariance,
+        blur_ln_variance: fitted.covariance[blur][blur] as f32,
+    }
 }
 
 #[cfg(test)]

@@ -1,40 +1,30 @@
 //! Normal equations of one round: sums over many pixels, and their solution.
 
-/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and
-/// blur.
-pub(super) const UNKNOWNS: usize = 9;
-pub(super) const CONTRAST: usize = 3;
-pub(super) const X: usize = 4;
-pub(super) const Y: usize = 5;
-pub(super) const TURN: usize = 6;
-pub(super) const SIZE: usize = 7;
-pub(super) const BLUR: usize = 8;
-
-/// Normal equations of one round.
-pub(super) struct Normal {
+/// Normal equations of one round with `N` unknowns.
+pub(super) struct Normal<const N: usize> {
     /// Sums of products of two derivatives; upper triangle only.
-    matrix: [[f64; UNKNOWNS]; UNKNOWNS],
+    matrix: [[f64; N]; N],
     /// Sums of products of a derivative and the residual.
-    right: [f64; UNKNOWNS],
+    right: [f64; N],
     /// Sum of squared residuals.
     pub(super) squares: f64,
     /// Sum of the weights.
     pub(super) n: f32,
 }
 
-pub(super) struct Solution {
-    pub(super) step: [f64; UNKNOWNS],
+pub(super) struct Solution<const N: usize> {
+    pub(super) step: [f64; N],
     /// Predicted reduction of the sum of squares, if everything is linear.
     pub(super) taken: f64,
     /// Covariance of the unknowns if every sample has a variance of 1.
-    pub(super) inverse: [[f64; UNKNOWNS]; UNKNOWNS],
+    pub(super) inverse: [[f64; N]; N],
 }
 
-impl Normal {
+impl<const N: usize> Normal<N> {
     pub(super) fn new() -> Self {
         Self {
-            matrix: [[0.0; UNKNOWNS]; UNKNOWNS],
-            right: [0.0; UNKNOWNS],
+            matrix: [[0.0; N]; N],
+            right: [0.0; N],
             squares: 0.0,
             n: 0.0,
         }
@@ -46,17 +36,25 @@ impl Normal {
         self.right[unknown] -= weight * f64::from(off);
     }
 
+    /// Adds a weighted prior: a combination of unknowns is `off` from its expected value.
+    pub(super) fn expect_combination(&mut self, factors: &[f64; N], off: f32, weight: f64) {
+        for i in 0..N {
+            for k in i..N {
+                self.matrix[i][k] += weight * factors[i] * factors[k];
+            }
+            self.right[i] -= weight * factors[i] * f64::from(off);
+        }
+    }
+
     /// `None` if some unknowns are not independent of the others.
-    pub(super) fn solve(mut self) -> Option<Solution> {
-        for i in 0..UNKNOWNS {
+    pub(super) fn solve(mut self) -> Option<Solution<N>> {
+        for i in 0..N {
             for k in 0..i {
                 self.matrix[i][k] = self.matrix[k][i];
             }
         }
         let inverse = inverse(&self.matrix)?;
-        let sum = |a: &[f64; UNKNOWNS], b: &[f64; UNKNOWNS]| -> f64 {
-            a.iter().zip(b).map(|(a, b)| a * b).sum()
-        };
+        let sum = |a: &[f64; N], b: &[f64; N]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
         let step = core::array::from_fn(|i| sum(&inverse[i], &self.right));
         Some(Solution {
             step,
@@ -74,17 +72,17 @@ const LANES: usize = 4;
 
 /// Contribution of some pixels to the normal equations, one row per unknown, so that the products
 /// of many pixels are computed at once.
-pub(super) struct Batch {
-    derivatives: [[f32; BATCH]; UNKNOWNS],
+pub(super) struct Batch<const N: usize> {
+    derivatives: [[f32; BATCH]; N],
     residual: [f32; BATCH],
     weight: [f32; BATCH],
     len: usize,
 }
 
-impl Batch {
+impl<const N: usize> Batch<N> {
     pub(super) fn new() -> Self {
         Self {
-            derivatives: [[0.0; BATCH]; UNKNOWNS],
+            derivatives: [[0.0; BATCH]; N],
             residual: [0.0; BATCH],
             weight: [0.0; BATCH],
             len: 0,
@@ -95,9 +93,9 @@ impl Batch {
     pub(super) fn push(
         &mut self,
         weight: f32,
-        derivatives: [f32; UNKNOWNS],
+        derivatives: [f32; N],
         residual: f32,
-        normal: &mut Normal,
+        normal: &mut Normal<N>,
     ) {
         let i = self.len;
         for (row, derivative) in self.derivatives.iter_mut().zip(derivatives) {
@@ -112,15 +110,15 @@ impl Batch {
     }
 
     /// Adds the rest of the batch to the sums and empties it.
-    pub(super) fn add_to(&mut self, normal: &mut Normal) {
+    pub(super) fn add_to(&mut self, normal: &mut Normal<N>) {
         self.weight[self.len..].fill(0.0);
         self.len = 0;
         let weighted = |row: &[f32; BATCH]| -> [f32; BATCH] {
             core::array::from_fn(|i| row[i] * self.weight[i])
         };
-        for i in 0..UNKNOWNS {
+        for i in 0..N {
             let row = weighted(&self.derivatives[i]);
-            for k in i..UNKNOWNS {
+            for k in i..N {
                 normal.matrix[i][k] += f64::from(dot(&row, &self.derivatives[k]));
             }
             normal.right[i] += f64::from(dot(&row, &self.residual));
@@ -142,9 +140,9 @@ fn dot(a: &[f32; BATCH], b: &[f32; BATCH]) -> f32 {
 
 /// Inverse of a symmetric positive-definite matrix by Cholesky decomposition. `None` if it is not
 /// positive definite.
-fn inverse(matrix: &[[f64; UNKNOWNS]; UNKNOWNS]) -> Option<[[f64; UNKNOWNS]; UNKNOWNS]> {
-    let mut lower = [[0.0; UNKNOWNS]; UNKNOWNS];
-    for i in 0..UNKNOWNS {
+fn inverse<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    let mut lower = [[0.0; N]; N];
+    for i in 0..N {
         for k in 0..=i {
             let known: f64 = (0..k).map(|j| lower[i][j] * lower[k][j]).sum();
             let left = matrix[i][k] - known;
@@ -159,15 +157,15 @@ fn inverse(matrix: &[[f64; UNKNOWNS]; UNKNOWNS]) -> Option<[[f64; UNKNOWNS]; UNK
             }
         }
     }
-    let mut out = [[0.0; UNKNOWNS]; UNKNOWNS];
-    for column in 0..UNKNOWNS {
-        let mut x = [0.0; UNKNOWNS];
-        for i in 0..UNKNOWNS {
+    let mut out = [[0.0; N]; N];
+    for column in 0..N {
+        let mut x = [0.0; N];
+        for i in 0..N {
             let known: f64 = (0..i).map(|j| lower[i][j] * x[j]).sum();
             x[i] = (f64::from(u8::from(i == column)) - known) / lower[i][i];
         }
-        for i in (0..UNKNOWNS).rev() {
-            let known: f64 = (i + 1..UNKNOWNS).map(|j| lower[j][i] * x[j]).sum();
+        for i in (0..N).rev() {
+            let known: f64 = (i + 1..N).map(|j| lower[j][i] * x[j]).sum();
             x[i] = (x[i] - known) / lower[i][i];
         }
         for (row, x) in out.iter_mut().zip(x) {

@@ -102,6 +102,49 @@ impl Blend<'_> {
     }
 }
 
+impl Blend<'_> {
+    /// Second derivatives of the coverage with respect to u twice, u and v, and v twice, from
+    /// differences over `apart`. Zero near the border of the grid.
+    pub(super) fn bends(&self, u: f32, v: f32, apart: f32) -> [f32; 3] {
+        let at = |du: f32, dv: f32| self.value(u + du * apart, v + dv * apart);
+        let all = || {
+            let here = at(0.0, 0.0)?;
+            let uu = at(-1.0, 0.0)? + at(1.0, 0.0)? - 2.0 * here;
+            let vv = at(0.0, -1.0)? + at(0.0, 1.0)? - 2.0 * here;
+            let rising = at(-1.0, -1.0)? + at(1.0, 1.0)?;
+            let falling = at(-1.0, 1.0)? + at(1.0, -1.0)?;
+            Some([uu, (rising - falling) / 4.0, vv])
+        };
+        all().map_or([0.0; 3], |bends| bends.map(|b| b / (apart * apart)))
+    }
+
+    /// Coverage at a point of the plate; `None` outside the grid.
+    #[inline(always)]
+    fn value(&self, u: f32, v: f32) -> Option<f32> {
+        let (x, y) = (
+            u * self.per_plate + self.middle,
+            v * self.per_plate + self.middle,
+        );
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        let (column, row) = (x as u32 as usize, y as u32 as usize);
+        if column + 1 >= self.side || row + 1 >= self.side {
+            return None;
+        }
+        let (x, y) = (x - column as u32 as f32, y - row as u32 as f32);
+        let first = row * self.side + column;
+        let of = |layer: &[f32]| {
+            let (a, b) = (layer[first], layer[first + 1]);
+            let (c, d) = (layer[first + self.side], layer[first + self.side + 1]);
+            let (above, below) = (a + x * (b - a), c + x * (d - c));
+            above + y * (below - above)
+        };
+        let sharp = of(self.sharp);
+        Some(sharp + self.share * (of(self.softer) - sharp))
+    }
+}
+
 /// Bilinear interpolation between four samples, and its slopes in x and y.
 #[inline(always)]
 fn between([a, b, c, d]: [f32; 4], x: f32, y: f32) -> [f32; 3] {

@@ -1,0 +1,171 @@
+//! A plate that the camera sees at a right angle: a square in the picture.
+
+use super::descent::{Light, Model};
+use super::equations::{Batch, Normal};
+use super::view::{Footprint, Place, Sample, View};
+use super::{LAST_STEP_BLUR, LAST_STEP_PX, Pose, Prior};
+
+/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and
+/// blur.
+pub(super) const UNKNOWNS: usize = 9;
+const CONTRAST: usize = 3;
+pub(super) const X: usize = 4;
+pub(super) const Y: usize = 5;
+pub(super) const TURN: usize = 6;
+const SIZE: usize = 7;
+pub(super) const BLUR: usize = 8;
+
+/// Light and pose.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Upright {
+    light: Light,
+    pub(super) pose: Pose,
+}
+
+impl Upright {
+    pub(super) fn new(pose: Pose) -> Self {
+        Self {
+            light: Light::default(),
+            pose,
+        }
+    }
+}
+
+impl Model<UNKNOWNS> for Upright {
+    fn light(&self) -> &Light {
+        &self.light
+    }
+
+    fn light_mut(&mut self) -> &mut Light {
+        &mut self.light
+    }
+
+    #[inline(always)]
+    fn each_sample(&self, view: &View<'_>, found: impl FnMut(Sample)) {
+        let Pose {
+            centre,
+            turn_rad,
+            plate_px,
+            blur_px,
+        } = self.pose;
+        let (sin, cos) = libm::sincosf(turn_rad);
+        let per_px = 1.0 / plate_px;
+        let half_px = plate_px / 2.0;
+        let footprint = Footprint {
+            centre,
+            reach: [half_px * (sin.abs() + cos.abs()); 2],
+        };
+        let place = |dx: f32, dy: f32| {
+            let (along, across) = (cos * dx + sin * dy, cos * dy - sin * dx);
+            let (off_along, off_across) = (along.abs(), across.abs());
+            let off = if off_along > off_across {
+                off_along
+            } else {
+                off_across
+            };
+            Place {
+                u: along * per_px,
+                v: across * per_px,
+                inside_px: half_px - off,
+            }
+        };
+        let blend = view.at_blur(blur_px, plate_px);
+        view.each_sample(footprint, blur_px, &blend, place, found);
+    }
+
+    fn normal(&self, view: &View<'_>) -> Normal<UNKNOWNS> {
+        let Pose {
+            centre,
+            turn_rad,
+            plate_px,
+            blur_px,
+        } = self.pose;
+        let Light {
+            bare: bare_light,
+            slope: light_slope,
+            share,
+        } = self.light;
+        let (sin, cos) = libm::sincosf(turn_rad);
+        let per_px = 1.0 / plate_px;
+        let from_origin = [0, 1].map(|i| centre[i] - view.origin[i]);
+        // The pixel's own part of the blur does not change.
+        let lens_share = blur_px * blur_px / view.blur_variance(blur_px);
+        let mut normal = Normal::new();
+        let mut batch = Batch::new();
+        self.each_sample(view, |sample| {
+            let [t, tu, tv, tblur] = sample.coverage;
+            let Sample { u, v, .. } = sample;
+            let slope = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) * per_px);
+            let light = bare_light + light_slope[0] * slope[0] + light_slope[1] * slope[1];
+            let bare = 1.0 - share * t;
+            let dark = -light * share;
+            let derivatives = [
+                bare,
+                slope[0] * bare,
+                slope[1] * bare,
+                -light * t,
+                dark * (sin * tv - cos * tu) * per_px,
+                dark * (-sin * tu - cos * tv) * per_px,
+                dark * (tu * v - tv * u),
+                dark * (-tu * u - tv * v - tblur),
+                dark * tblur * lens_share,
+            ];
+            batch.push(
+                sample.weight,
+                derivatives,
+                sample.grey - light * bare,
+                &mut normal,
+            );
+        });
+        batch.add_to(&mut normal);
+        normal
+    }
+
+    fn expect(&self, start: &Self, prior: &Prior, variance: f64, normal: &mut Normal<UNKNOWNS>) {
+        for (unknown, now, start, sigma) in [
+            (
+                BLUR,
+                self.pose.blur_px,
+                start.pose.blur_px,
+                prior.blur_ln_sigma,
+            ),
+            (
+                SIZE,
+                self.pose.plate_px,
+                start.pose.plate_px,
+                prior.plate_ln_sigma,
+            ),
+        ] {
+            let off = libm::logf(now / start);
+            normal.expect(unknown, off, variance / f64::from(sigma * sigma));
+        }
+    }
+
+    fn take(&mut self, step: &[f64; UNKNOWNS]) {
+        let step = step.map(|s| s as f32);
+        self.light.take([step[0], step[1], step[2], step[CONTRAST]]);
+        let pose = &mut self.pose;
+        let reach = (0.15 * pose.plate_px).min(2.0);
+        pose.centre[0] += step[X].clamp(-reach, reach);
+        pose.centre[1] += step[Y].clamp(-reach, reach);
+        pose.turn_rad += step[TURN].clamp(-0.3, 0.3);
+        pose.plate_px *= libm::expf(step[SIZE].clamp(-0.15, 0.15));
+        pose.blur_px *= libm::expf(step[BLUR].clamp(-0.4, 0.4));
+    }
+
+    fn is_small(&self, step: &[f64; UNKNOWNS]) -> bool {
+        let half_px = f64::from(self.pose.plate_px) / 2.0;
+        let moved_px = [step[X], step[Y], step[TURN] * half_px, step[SIZE] * half_px];
+        moved_px.iter().all(|moved| moved.abs() < LAST_STEP_PX) && step[BLUR].abs() < LAST_STEP_BLUR
+    }
+
+    fn is_near(&self, start: &Self) -> bool {
+        let (pose, start) = (&self.pose, &start.pose);
+        let reach = 1.0 + 0.15 * start.plate_px;
+        (pose.centre[0] - start.centre[0]).abs() < reach
+            && (pose.centre[1] - start.centre[1]).abs() < reach
+            && (pose.turn_rad - start.turn_rad).abs() < 0.8
+            && (0.6..1.7).contains(&(pose.plate_px / start.plate_px))
+            && (0.02..12.0).contains(&pose.blur_px)
+    }
+}
