@@ -12,7 +12,8 @@ use crate::geometry::outline::{Outline, simplified};
 use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
-use crate::marker::optics::BlurEstimate;
+use crate::marker::optics::{BlurEstimate, Optics};
+use crate::marker::perspective::Perspective;
 use crate::marker::search::{SearchScratch, find_figures};
 use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::segmentation::SeenPlate;
@@ -107,7 +108,8 @@ pub(crate) struct Detector {
     grey: Vec<u8>,
     cutout: CutoutScratch,
     search: SearchScratch,
-    optics: BlurEstimate,
+    blur: BlurEstimate,
+    perspective: Perspective,
     detections: Vec<Detection>,
     /// One for each detection.
     shapes: Vec<ShapeOf>,
@@ -123,15 +125,17 @@ impl Detector {
             grey: vec![0; size.area()],
             cutout: CutoutScratch::new(size),
             search: SearchScratch::new(size),
-            optics: BlurEstimate::new(),
+            blur: BlurEstimate::new(),
+            perspective: Perspective::new(size),
             detections: Vec::with_capacity(MAX_DETECTIONS),
             shapes: Vec::with_capacity(MAX_DETECTIONS),
         }
     }
 
     /// Resets the estimated optics of the camera: a new background may mean a new camera.
-    pub(crate) fn forget_blur(&mut self) {
-        self.optics = BlurEstimate::new();
+    pub(crate) fn forget_optics(&mut self) {
+        self.blur = BlurEstimate::new();
+        self.perspective = Perspective::new(self.size);
     }
 
     /// Returns one or more detections for each shape, in reading order, and the number of shapes
@@ -147,7 +151,7 @@ impl Detector {
     ) -> u32 {
         self.detections.clear();
         self.shapes.clear();
-        self.optics.noise = noise;
+        self.blur.noise = noise;
         let mut overflow = shapes.overflow();
         for (number, shape) in shapes.iter().enumerate() {
             overflow += if self.detections.len() < MAX_DETECTIONS {
@@ -181,10 +185,15 @@ impl Detector {
             })
     }
 
-    /// Ends a frame: updates the blur estimate from its markers.
+    /// Ends a frame: updates the optics of the camera from its markers.
     pub(crate) fn end_frame(&mut self) {
         let read = self.detections.iter().filter_map(|d| d.marker);
-        self.optics.learn(read.filter_map(|marker| marker.blur));
+        self.blur.learn(read.filter_map(|marker| marker.blur));
+        let places = self.detections.iter().filter_map(|d| {
+            let stretch = d.marker?.stretch?;
+            Some((d.centre, stretch))
+        });
+        self.perspective.learn(places);
     }
 
     /// Searches part of the picture for markers without the background, and adds those that no
@@ -203,44 +212,55 @@ impl Detector {
         mask.fill(1);
         let cutout = Cutout { size, grey, mask };
         let corner = [f64::from(bounds.left), f64::from(bounds.top)];
-        let (detections, optics) = (&mut self.detections, &self.optics);
+        let (blur, perspective) = (self.blur, &self.perspective);
+        let detections = &mut self.detections;
         let mut lost = 0;
         let at_middle = recognition([
             corner[0] + size.width as f64 / 2.0,
             corner[1] + size.height as f64 / 2.0,
         ]);
         let extent_px = [FIGURE_MIN * at_middle.plate_min_px, at_middle.plate_max_px];
-        let noise = optics.noise;
-        find_figures(grey, size, noise, extent_px, &mut self.search, |figure| {
-            let centre = [0, 1].map(|i| f64::from(figure.region.centre[i]) + corner[i]);
-            let is_known = |d: &Detection| {
-                d.marker.is_some() && distance(d.centre, centre) < SAME_PLATE * d.size_px
-            };
-            if detections.iter().any(is_known) {
-                return;
-            }
-            let settings = recognition(centre);
-            let stricter = RecognitionSettings {
-                residual_ratio_max: SEARCHED_RESIDUAL * settings.residual_ratio_max,
-                plate_min_px: settings.plate_min_px.max(SEARCHED_PLATE_MIN_PX),
-                contrast_min: SEARCHED_CONTRAST_MIN,
-                ..settings
-            };
-            if let Some(marker) = family.recognise_figure(&figure, cutout, optics, &stricter) {
-                let outline = Outline::square(
-                    [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
-                    f64::from(marker.plate_px),
-                    f64::from(marker.heading_rad),
-                );
-                let found = marked(marker, corner, outline);
-                if found
-                    .reading()
-                    .is_some_and(|reading| known.confirms(reading))
-                {
-                    lost += add_searched(detections, &mut self.shapes, found);
+        find_figures(
+            grey,
+            size,
+            blur.noise,
+            extent_px,
+            &mut self.search,
+            |figure| {
+                let centre = [0, 1].map(|i| f64::from(figure.region.centre[i]) + corner[i]);
+                let is_known = |d: &Detection| {
+                    d.marker.is_some() && distance(d.centre, centre) < SAME_PLATE * d.size_px
+                };
+                if detections.iter().any(is_known) {
+                    return;
                 }
-            }
-        });
+                let settings = recognition(centre);
+                let optics = Optics {
+                    blur,
+                    stretch: perspective.at(centre),
+                };
+                let stricter = RecognitionSettings {
+                    residual_ratio_max: SEARCHED_RESIDUAL * settings.residual_ratio_max,
+                    plate_min_px: settings.plate_min_px.max(SEARCHED_PLATE_MIN_PX),
+                    contrast_min: SEARCHED_CONTRAST_MIN,
+                    ..settings
+                };
+                if let Some(marker) = family.recognise_figure(&figure, cutout, &optics, &stricter) {
+                    let outline = Outline::square(
+                        [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
+                        f64::from(marker.plate_px),
+                        f64::from(marker.heading_rad),
+                    );
+                    let found = marked(marker, corner, outline);
+                    if found
+                        .reading()
+                        .is_some_and(|reading| known.confirms(reading))
+                    {
+                        lost += add_searched(detections, &mut self.shapes, found);
+                    }
+                }
+            },
+        );
         lost
     }
 
@@ -375,15 +395,23 @@ impl Detector {
             Part::Around => mask.fill(1),
         }
         let grey = &mut self.grey[..size.area()];
-        let optics = match attempt.channel {
+        let blur = match attempt.channel {
             Channel::Intensity => {
                 intensity(picture, around, grey);
-                self.optics
+                self.blur
             }
             Channel::Colour => match project(picture, around, mask, grey) {
-                Some(gain) => self.optics.of_colour(gain),
+                Some(gain) => self.blur.of_colour(gain),
                 None => return 0,
             },
+        };
+        let middle = [
+            f64::from(around.left) + size.width as f64 / 2.0,
+            f64::from(around.top) + size.height as f64 / 2.0,
+        ];
+        let optics = Optics {
+            blur,
+            stretch: self.perspective.at(middle),
         };
         let cutout = Cutout { size, grey, mask };
         let mut lost = 0;

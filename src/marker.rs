@@ -7,7 +7,7 @@
 //! The descriptor of a figure's contour is matched with the `reference`s. The `template`s of the
 //! best candidates are fitted to the pixels of the plate, and the residual of the fit decides
 //! (`recognition`). Blur and noise are common to all plates of a camera; `optics` estimates them
-//! meanwhile. If intensity does not separate marker and plate, `colour` may. `bound` gives the best
+//! meanwhile, and `perspective` what its tilt and its lens do to plates. If intensity does not separate marker and plate, `colour` may. `bound` gives the best
 //! possible accuracy of a pose.
 
 pub(crate) mod colour;
@@ -16,6 +16,7 @@ pub mod drawing;
 mod folder;
 pub mod name;
 pub(crate) mod optics;
+pub(crate) mod perspective;
 mod recognition;
 pub(crate) mod reference;
 pub(crate) mod search;
@@ -269,6 +270,17 @@ impl Marker {
         Ok(marker)
     }
 
+    /// The reference for a blur and a size of the figure, the square root of the product of its
+    /// half axes.
+    fn nearest_reference(&self, blur_px: f32, size_px: f32) -> Option<&Reference> {
+        let blur = |i: &usize| (BLURS_PX[*i] / blur_px).ln().abs();
+        let nearest = (0..BLURS_PX.len()).min_by(|a, b| blur(a).total_cmp(&blur(b)))?;
+        let size = |r: &&Reference| (r.at_an_angle.size_px() / size_px).ln().abs();
+        self.references[nearest]
+            .iter()
+            .min_by(|a, b| size(a).total_cmp(&size(b)))
+    }
+
     /// The descriptor that is least affected by pixels and blur.
     pub(crate) fn clearest(&self) -> &Descriptor {
         match self.references.first().and_then(|sizes| sizes.last()) {
@@ -294,7 +306,8 @@ pub fn built_in_files() -> Vec<MarkerFile> {
 mod tests {
     use super::*;
     use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
-    use crate::marker::optics::BlurEstimate;
+    use crate::marker::optics::{BlurEstimate, Optics};
+    use crate::marker::perspective::ExpectedStretch;
     use crate::marker::reference::{Placement, render};
     use fourier::wrapped;
     use imgproc::Size;
@@ -305,6 +318,15 @@ mod tests {
         plate_min_px: 8.0,
         plate_max_px: 200.0,
     };
+
+    fn optics(noise: f32) -> Optics {
+        let mut blur = BlurEstimate::new();
+        blur.noise = noise;
+        Optics {
+            blur,
+            stretch: ExpectedStretch::unknown(),
+        }
+    }
 
     fn marker(name: &str, path: &str) -> MarkerFile {
         let svg = format!(
@@ -351,7 +373,7 @@ mod tests {
                 };
                 let mut found = Vec::new();
                 find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-                    let read = family.recognise(&plate, cutout, &BlurEstimate::new(), &SETTINGS);
+                    let read = family.recognise(&plate, cutout, &optics(0.0), &SETTINGS);
                     found.extend(read);
                     read.is_some()
                 });
@@ -427,8 +449,7 @@ mod tests {
                         mask: &vec![1; size.area()],
                     };
                     shown += 1;
-                    let mut optics = BlurEstimate::new();
-                    optics.noise = 6.0;
+                    let optics = optics(6.0);
                     find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
                         let Some(pose) = family.recognise(&plate, cutout, &optics, &SETTINGS)
                         else {

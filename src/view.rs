@@ -175,7 +175,7 @@ impl View {
         let Some(floor) = background else {
             return Ok(false);
         };
-        self.detector.forget_blur();
+        self.detector.forget_optics();
         self.is_floor_new = true;
         match &mut self.segmenter {
             Some(segmenter) => segmenter.set_background(floor),

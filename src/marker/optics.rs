@@ -3,6 +3,8 @@
 
 use imgproc::fit::{Fit, Prior};
 
+use crate::marker::perspective::ExpectedStretch;
+
 /// Initial blur, and the standard deviation of its logarithm: an ordinary lens, in focus or
 /// slightly out of focus.
 const START: (f32, f32) = (0.65, 0.35);
@@ -20,6 +22,13 @@ const CHANNEL_NOISE: f32 = 1.5;
 
 /// Blur of colours relative to that of brightness, and the standard deviation of its logarithm.
 const COLOUR_BLUR: (f32, f32) = (1.3, 0.4);
+
+/// What is known of the camera before a plate is fitted.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Optics {
+    pub(crate) blur: BlurEstimate,
+    pub(crate) stretch: ExpectedStretch,
+}
 
 /// Estimate for a camera.
 #[derive(Debug, Clone, Copy)]
@@ -57,10 +66,15 @@ impl BlurEstimate {
         }
     }
 
+    /// Noise of a pixel in grey levels, as the fits assume it.
+    pub(crate) fn noise(&self) -> f32 {
+        self.noise.max(NOISE_MIN)
+    }
+
     /// Prior of a fit.
     pub(crate) fn prior(&self, plate_ln_sigma: f32, residual_ratio_max: f32) -> Prior {
         Prior {
-            noise: self.noise.max(NOISE_MIN),
+            noise: self.noise(),
             blur_ln_sigma: (self.ln_variance + BETWEEN_PLATES * BETWEEN_PLATES).sqrt(),
             plate_ln_sigma,
             residual_ratio_max,

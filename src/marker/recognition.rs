@@ -1,16 +1,20 @@
 //! Recognition of a figure and its pose: candidates by the descriptor, pose by the fit, decision by
 //! the residual of the fit.
 
+use fourier::affine::{Normalised, align, normalise};
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
 use fourier::matching::{compare_both_ways, min_distance};
 use fourier::wrapped;
-use imgproc::fit::{Fit, Pose, Within, fit_shape};
+use imgproc::fit::{
+    CurvedFit, Fit, PlateMap, Pose, Within, fit_curved_shape, fit_shape, refine_shape,
+};
 
 use crate::marker::Family;
 use crate::marker::cutout::{Cutout, Figure, Plate, Square};
-use crate::marker::optics::BlurEstimate;
-use crate::marker::reference::{ORIENTATION_MIN, Reference};
+use crate::marker::optics::Optics;
+use crate::marker::perspective::StretchReading;
+use crate::marker::reference::{AngleReference, ORIENTATION_MIN, Reference, size_px};
 use crate::marker::template::Pattern;
 
 /// Maximum number of candidates that are fitted.
@@ -22,6 +26,15 @@ const DISTANCE_MAX: f32 = 0.05;
 
 /// Maximum distance relative to the nearest candidate: a factor, and an addend.
 const DISTANCE_BEYOND: (f32, f32) = (4.0, 0.004);
+
+/// Maximum distance between normalised contours of candidate and figure: mean square distance of
+/// their points, where a disc has a radius of 1.
+const ANGLE_DISTANCE_MAX: f32 = 0.08;
+
+/// Maximum deviation of the stretch of a candidate from what is expected, in standard deviations of
+/// both, and what the square of a deviation adds to the distance.
+const START_DEVIATION_MAX: f32 = 4.0;
+const DISTANCE_OF_DEVIATION: f32 = 0.002;
 
 /// Minimum correlation of a marker's plate with its pattern, for any position relative to the pixel
 /// grid.
@@ -71,6 +84,11 @@ const SEEN_SHARE_MIN: f32 = 0.35;
 const PART_R_SQUARED_MIN: f32 = 0.985;
 const PART_RESIDUAL_RATIO: f32 = 0.8;
 
+/// The same for a plate at an angle to a camera whose perspective is unknown: any angle may then
+/// turn one shape into another. Trapezoids had up to 0.989 as triangles, and 0.9 of the residual.
+const ANGLE_R_SQUARED_MIN: f32 = 0.993;
+const ANGLE_RESIDUAL_RATIO: f32 = 0.6;
+
 /// Thresholds for the recognition of markers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecognitionSettings {
@@ -101,6 +119,8 @@ pub struct Recognised {
     pub covariance: [[f32; 3]; 3],
     /// Logarithm of the camera's blur and its variance, if the marker shows it.
     pub(crate) blur: Option<(f32, f32)>,
+    /// How the camera stretches the plate, if the marker shows it.
+    pub(crate) stretch: Option<StretchReading>,
 }
 
 /// A marker that matches a figure.
@@ -113,7 +133,22 @@ struct Candidate<'a> {
 }
 
 /// A marker and its initial pose.
-type Start = (usize, Pose);
+type Start = (usize, Placed);
+
+/// Where a plate may be.
+#[derive(Debug, Clone, Copy)]
+enum Placed {
+    Upright(Pose),
+    /// Seen at an angle.
+    AtAnAngle(PlateMap),
+}
+
+/// A fit, and the stretch if it was fitted.
+#[derive(Debug, Clone, Copy)]
+struct Fitted {
+    fit: Fit,
+    stretch: Option<StretchReading>,
+}
 
 impl Family {
     /// The marker on a plate, with its pose; `None` if there is none or it is ambiguous.
@@ -121,14 +156,13 @@ impl Family {
         &self,
         plate: &Plate<'_>,
         cutout: Cutout<'_>,
-        optics: &BlurEstimate,
+        optics: &Optics,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
-        let by_contour = plate
-            .figure
-            .and_then(|figure| self.starts_by_contour(&figure, optics))
-            .and_then(|starts| self.best_fit(starts, Some(plate), cutout, optics, settings));
-        by_contour.or_else(|| {
+        let by_figure = plate.figure.and_then(|figure| {
+            self.recognise_contour(&figure, Some(plate), cutout, optics, settings)
+        });
+        by_figure.or_else(|| {
             let starts = self.starts_by_pattern(plate.square()?, cutout, optics)?;
             self.best_fit(starts, None, cutout, optics, settings)
         })
@@ -139,11 +173,41 @@ impl Family {
         &self,
         figure: &Figure<'_>,
         cutout: Cutout<'_>,
-        optics: &BlurEstimate,
+        optics: &Optics,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
-        let starts = self.starts_by_contour(figure, optics)?;
-        self.best_fit(starts, None, cutout, optics, settings)
+        self.recognise_contour(figure, None, cutout, optics, settings)
+    }
+
+    fn recognise_contour(
+        &self,
+        figure: &Figure<'_>,
+        plate: Option<&Plate<'_>>,
+        cutout: Cutout<'_>,
+        optics: &Optics,
+        settings: &RecognitionSettings,
+    ) -> Option<Recognised> {
+        let upright = || {
+            let starts = self.starts_by_contour(figure, optics)?;
+            self.best_fit(starts, plate, cutout, optics, settings)
+        };
+        let at_an_angle = || {
+            let starts = self.starts_at_an_angle(figure, optics)?;
+            if optics.stretch.is_known() {
+                return self.best_fit(starts, plate, cutout, optics, settings);
+            }
+            let stricter = RecognitionSettings {
+                residual_ratio_max: ANGLE_RESIDUAL_RATIO * settings.residual_ratio_max,
+                ..*settings
+            };
+            self.best_fit(starts, plate, cutout, optics, &stricter)
+                .filter(|read| read.confidence >= ANGLE_R_SQUARED_MIN)
+        };
+        if optics.stretch.is_stretched() {
+            at_an_angle().or_else(upright)
+        } else {
+            upright().or_else(at_an_angle)
+        }
     }
 
     /// The best fit, if it explains the pixels and no other fit does. `plate` is given if it may be
@@ -153,42 +217,40 @@ impl Family {
         starts: [Option<Start>; CANDIDATES],
         plate: Option<&Plate<'_>>,
         cutout: Cutout<'_>,
-        optics: &BlurEstimate,
+        optics: &Optics,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
-        let prior = optics.prior(PLATE_LN_SIGMA, settings.residual_ratio_max);
-        let mut best: Option<(usize, Fit)> = None;
+        let noise = optics.blur.noise();
+        let mut best: Option<(usize, Fitted)> = None;
         let mut rival = f32::INFINITY;
-        for (marker, start) in starts.into_iter().flatten() {
-            let layers = self.markers[marker].template.layers();
-            let fitted =
-                |within| fit_shape(cutout.grey, cutout.size, within, layers, start, &prior);
-            let mut fit = fitted(None);
-            if !fit.is_some_and(|fit| explains(&fit, prior.noise, settings)) {
-                let paper = plate.and_then(|plate| smaller_paper(plate, &start));
-                let part = paper.and_then(|paper| fitted(Some(paper)));
-                fit = part
-                    .filter(|fit| shows_enough(fit, prior.noise, settings))
-                    .or(fit);
+        for start in starts.into_iter().flatten() {
+            let mut fitted = self.fitted(start, None, cutout, optics, settings);
+            if !fitted.is_some_and(|fitted| explains(&fitted.fit, noise, settings)) {
+                let paper = plate.and_then(|plate| smaller_paper(plate, plate_px(&start.1)));
+                let part = paper
+                    .and_then(|paper| self.fitted(start, Some(paper), cutout, optics, settings));
+                fitted = part
+                    .filter(|part| shows_enough(&part.fit, noise, settings))
+                    .or(fitted);
             }
-            let Some(fit) = fit else { continue };
+            let Some(fitted) = fitted else { continue };
             match &mut best {
-                Some((_, before)) if before.residual <= fit.residual => {
-                    rival = rival.min(fit.residual);
+                Some((_, before)) if before.fit.residual <= fitted.fit.residual => {
+                    rival = rival.min(fitted.fit.residual);
                 }
                 best => {
                     if let Some((_, before)) = best {
-                        rival = rival.min(before.residual);
+                        rival = rival.min(before.fit.residual);
                     }
-                    *best = Some((marker, fit));
+                    *best = Some((start.0, fitted));
                 }
             }
         }
-        let (marker, fit) = best?;
+        let (marker, Fitted { fit, stretch }) = best?;
         let size_fits =
             (settings.plate_min_px..=settings.plate_max_px).contains(&fit.pose.plate_px);
-        (size_fits && explains(&fit, prior.noise, settings) && clear(&fit, rival, prior.noise))
-            .then(|| Recognised {
+        (size_fits && explains(&fit, noise, settings) && clear(&fit, rival, noise)).then(|| {
+            Recognised {
                 marker,
                 centre: fit.pose.centre,
                 // The drawing points up, against the y axis.
@@ -196,15 +258,98 @@ impl Family {
                 plate_px: fit.pose.plate_px,
                 confidence: fit.r_squared,
                 covariance: fit.covariance,
-                blur: optics.blur_of(&fit),
-            })
+                blur: optics.blur.blur_of(&fit),
+                stretch,
+            }
+        })
+    }
+
+    /// Fits a marker from an initial pose.
+    fn fitted(
+        &self,
+        (marker, placed): Start,
+        within: Option<Within<'_>>,
+        cutout: Cutout<'_>,
+        optics: &Optics,
+        settings: &RecognitionSettings,
+    ) -> Option<Fitted> {
+        let layers = self.markers[marker].template.layers();
+        let Cutout { grey, size, .. } = cutout;
+        let prior = optics
+            .blur
+            .prior(PLATE_LN_SIGMA, settings.residual_ratio_max);
+        let expected = optics
+            .stretch
+            .prior(optics.blur.blur_px(), plate_px(&placed));
+        let curved = match placed {
+            Placed::Upright(pose) => {
+                let fit = fit_shape(grey, size, within, layers, pose, &prior)?;
+                let refined =
+                    refine_shape(grey, size, within, layers, &fit.pose, &prior, &expected);
+                let Some(refined) = refined else {
+                    return Some(Fitted { fit, stretch: None });
+                };
+                refined
+            }
+            Placed::AtAnAngle(map) => {
+                fit_curved_shape(grey, size, within, layers, map, &prior, &expected)?
+            }
+        };
+        let CurvedFit {
+            fit,
+            stretch,
+            stretch_variance,
+        } = curved;
+        Some(Fitted {
+            fit,
+            stretch: optics.stretch.reading(stretch, stretch_variance),
+        })
+    }
+
+    /// Initial poses of the markers whose contours, seen at any angle, are nearest to that of a
+    /// figure.
+    fn starts_at_an_angle(
+        &self,
+        figure: &Figure<'_>,
+        optics: &Optics,
+    ) -> Option<[Option<Start>; CANDIDATES]> {
+        let seen = normalise(figure.contour)?;
+        let blur_px = optics.blur.blur_px();
+        let mut nearest = [None::<(f32, Start)>; CANDIDATES];
+        for (marker, of_marker) in self.markers.iter().enumerate() {
+            let Some(reference) = of_marker.nearest_reference(blur_px, size_px(&seen)) else {
+                continue;
+            };
+            let reference = &reference.at_an_angle;
+            for aligned in align(&seen, &reference.normalised).into_iter().flatten() {
+                if aligned.distance > ANGLE_DISTANCE_MAX {
+                    continue;
+                }
+                let Some(map) = map_of(&seen, reference, aligned.turn_rad) else {
+                    continue;
+                };
+                let deviation2 = optics.stretch.deviation2(map.stretch());
+                if deviation2 > START_DEVIATION_MAX * START_DEVIATION_MAX {
+                    continue;
+                }
+                let off = aligned.distance + DISTANCE_OF_DEVIATION * deviation2;
+                let farther = |kept: &Option<(f32, Start)>| kept.is_none_or(|(kept, _)| off < kept);
+                if let Some(place) = nearest.iter().position(farther) {
+                    nearest[place..].rotate_right(1);
+                    nearest[place] = Some((off, (marker, Placed::AtAnAngle(map))));
+                }
+            }
+        }
+        let limit = DISTANCE_BEYOND.0 * nearest[0]?.0 + DISTANCE_BEYOND.1;
+        let is_near = |&(off, _): &(f32, Start)| off <= limit;
+        Some(nearest.map(|kept| kept.filter(is_near).map(|(_, start)| start)))
     }
 
     /// Initial poses of the markers whose contours are nearest to that of a figure.
     fn starts_by_contour(
         &self,
         figure: &Figure<'_>,
-        optics: &BlurEstimate,
+        optics: &Optics,
     ) -> Option<[Option<Start>; CANDIDATES]> {
         let descriptor = describe(&resample(figure.contour), ORIENTATION_MIN).ok()?;
         let candidates = self.candidates(&descriptor);
@@ -213,7 +358,7 @@ impl Family {
         Some(candidates.map(|candidate| {
             let candidate = candidate.filter(|candidate| candidate.distance <= limit)?;
             let pose = start(figure, &descriptor, &candidate, optics);
-            Some((candidate.marker, pose))
+            Some((candidate.marker, Placed::Upright(pose)))
         }))
     }
 
@@ -223,7 +368,7 @@ impl Family {
         &self,
         square: Square,
         cutout: Cutout<'_>,
-        optics: &BlurEstimate,
+        optics: &Optics,
     ) -> Option<[Option<Start>; CANDIDATES]> {
         let (sin, cos) = square.turn_rad.sin_cos();
         let mut seen = Pattern::of(|[u, v]| {
@@ -247,9 +392,9 @@ impl Family {
                         centre: square.centre,
                         turn_rad: square.turn_rad + turn,
                         plate_px: square.side_px,
-                        blur_px: optics.blur_px(),
+                        blur_px: optics.blur.blur_px(),
                     };
-                    likely[place] = Some((alike, (marker, pose)));
+                    likely[place] = Some((alike, (marker, Placed::Upright(pose))));
                 }
             }
             seen = seen.turned();
@@ -297,9 +442,36 @@ impl Family {
     }
 }
 
+/// Side of the plate at the start of a fit.
+fn plate_px(placed: &Placed) -> f32 {
+    match placed {
+        Placed::Upright(pose) => pose.plate_px,
+        Placed::AtAnAngle(map) => map.unit_px,
+    }
+}
+
+/// The map of a plate whose figure is an affine picture of that of the reference. `None` if it
+/// would have to be seen from the side.
+fn map_of(seen: &Normalised, reference: &AngleReference, turn_rad: f32) -> Option<PlateMap> {
+    let (sin, cos) = turn_rad.sin_cos();
+    let [[a, b], [_, d]] = reference.normalised.to_pixels;
+    let determinant = a * d - b * b;
+    let inverse = [[d, -b], [-b, a]].map(|row| row.map(|c| c / determinant));
+    // From pixels of the reference to pixels of the picture.
+    let map = product(seen.to_pixels, product([[cos, -sin], [sin, cos]], inverse));
+    let [x, y] = reference.centre_from_figure_px;
+    let centre = [0, 1].map(|i: usize| seen.centre[i] + map[i][0] * x + map[i][1] * y);
+    let column = |k: usize| [0, 1].map(|i: usize| map[i][k] * reference.plate_px);
+    PlateMap::affine(centre, [column(0), column(1)])
+}
+
+fn product(a: [[f32; 2]; 2], b: [[f32; 2]; 2]) -> [[f32; 2]; 2] {
+    [0, 1].map(|i: usize| [0, 1].map(|k: usize| a[i][0] * b[0][k] + a[i][1] * b[1][k]))
+}
+
 /// The paper of a plate, if it is smaller than the plate of the initial pose.
-fn smaller_paper<'a>(plate: &Plate<'a>, start: &Pose) -> Option<Within<'a>> {
-    let share = plate.paper_px2 as f32 / (start.plate_px * start.plate_px);
+fn smaller_paper<'a>(plate: &Plate<'a>, plate_px: f32) -> Option<Within<'a>> {
+    let share = plate.paper_px2 as f32 / (plate_px * plate_px);
     (plate.touches || share < PAPER_SHARE).then_some(plate.paper)
 }
 
@@ -333,7 +505,7 @@ fn start(
     figure: &Figure<'_>,
     descriptor: &Descriptor,
     candidate: &Candidate<'_>,
-    optics: &BlurEstimate,
+    optics: &Optics,
 ) -> Pose {
     let (sin, cos) = candidate.turn_rad.sin_cos();
     let from_figure = candidate.reference.centre_from_figure;
@@ -343,7 +515,7 @@ fn start(
         centre: [x + cos * dx - sin * dy, y + sin * dx + cos * dy],
         turn_rad: candidate.turn_rad,
         plate_px: descriptor.size_px * candidate.reference.plate_per_size,
-        blur_px: optics.blur_px(),
+        blur_px: optics.blur.blur_px(),
     }
 }
 

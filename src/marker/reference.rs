@@ -6,6 +6,7 @@
 //! reference and not an error. The drawing itself is used for comparison only where nothing has
 //! been lost.
 
+use fourier::affine::{Normalised, normalise};
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, NoDescriptor, describe};
 use fourier::matching::distances;
@@ -41,6 +42,30 @@ pub(crate) struct Reference {
     pub(crate) plate_per_size: f32,
     /// From the figure's centroid to the plate's centre, in units of the descriptor's size.
     pub(crate) centre_from_figure: [f32; 2],
+    /// For plates that are seen at an angle.
+    pub(crate) at_an_angle: AngleReference,
+}
+
+/// Appearance of a marker apart from any affine map.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct AngleReference {
+    pub(crate) normalised: Normalised,
+    /// Of the upright plate that was measured, pixels.
+    pub(crate) plate_px: f32,
+    pub(crate) centre_from_figure_px: [f32; 2],
+}
+
+impl AngleReference {
+    /// Size of the figure: that by which its contour was divided.
+    pub(crate) fn size_px(&self) -> f32 {
+        size_px(&self.normalised)
+    }
+}
+
+/// The size by which a normalised contour was divided, pixels.
+pub(crate) fn size_px(normalised: &Normalised) -> f32 {
+    let [[a, b], [c, d]] = normalised.to_pixels;
+    (a * d - b * c).sqrt()
 }
 
 /// Reasons why a rendered plate gives no reference.
@@ -99,6 +124,11 @@ impl Reference {
             magnitudes: descriptor.magnitudes(),
             plate_per_size: plate_px / size,
             centre_from_figure: centre.map(|c| c / n / size),
+            at_an_angle: AngleReference {
+                normalised: upright.normalised,
+                plate_px,
+                centre_from_figure_px: upright.centre_from_figure,
+            },
         })
     }
 }
@@ -111,6 +141,7 @@ fn nearest_half_turn(angle_rad: f32) -> f32 {
 /// Measurements on one rendered plate.
 struct Measured {
     descriptor: Descriptor,
+    normalised: Normalised,
     centre_from_figure: [f32; 2],
 }
 
@@ -157,9 +188,13 @@ fn measure(
         let Some(figure) = plate.figure else {
             return false;
         };
+        let Some(normalised) = normalise(figure.contour) else {
+            return false;
+        };
         measured = match describe(&resample(figure.contour), ORIENTATION_MIN) {
             Ok(descriptor) => Ok(Measured {
                 descriptor,
+                normalised,
                 centre_from_figure: [
                     centre[0] - figure.region.centre[0],
                     centre[1] - figure.region.centre[1],

@@ -7,7 +7,8 @@ use imgproc::Size;
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::{Drawing, read_drawing};
 use crate::marker::name::check_unlike;
-use crate::marker::optics::BlurEstimate;
+use crate::marker::optics::{BlurEstimate, Optics};
+use crate::marker::perspective::ExpectedStretch;
 use crate::marker::reference::{Placement, plate_mask, render};
 use crate::marker::{Family, FamilyError, MarkerFile, SEPARATION_MIN, matching};
 use crate::marker_design::bound::{View, least_heading_sigma};
@@ -134,8 +135,12 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
         height: side,
     };
     let mut scratch = CutoutScratch::new(size);
-    let mut optics = BlurEstimate::new();
-    optics.noise = NOISE;
+    let mut blur = BlurEstimate::new();
+    blur.noise = NOISE;
+    let optics = Optics {
+        blur,
+        stretch: ExpectedStretch::unknown(),
+    };
     let settings = Settings::default().recognition(None);
     let mut state = 1u32;
     let mut uniform = || {

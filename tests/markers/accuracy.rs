@@ -10,6 +10,7 @@ use scene::MAX_OBJECTS;
 
 use crate::random::Random;
 use crate::scene::{Conditions, Disturbance, GREY, Palette, Plate, Robot, picture};
+use crate::viewpoint::Viewpoint;
 
 const SIZE: Size = Size {
     width: 640,
@@ -64,9 +65,10 @@ impl Score {
             noise,
             slope,
             disturbance,
+            viewpoint,
         } = conditions;
         println!(
-            "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}, {disturbance:?}: \
+            "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}, {disturbance:?}, {viewpoint:?}: \
              recall {:.4}, centre {:.4} px, heading {:.3} deg; wrong names {}, half turns {}, \
              false markers {} of {}; inside the 95 % ellipse {:.1} %, heading {:.1} %",
             self.recall(),
@@ -199,7 +201,7 @@ pub(crate) fn measure(
         slot.background = None;
         if outcome == Outcome::Scene {
             for (plate, name) in plates.iter().zip(&truth) {
-                judge(&slot.scene, plate, *name, conditions.plate_px, &mut score);
+                judge(&slot.scene, plate, *name, &conditions, &mut score);
             }
         }
     }
@@ -210,11 +212,12 @@ fn judge(
     scene: &scene::Scene,
     plate: &Plate<'_>,
     name: Option<&str>,
-    plate_px: f32,
+    conditions: &Conditions,
     score: &mut Score,
 ) {
     let [x, y] = plate.centre.map(f64::from);
-    let near = |o: &&scene::Object| (o.x - x).hypot(o.y - y) < f64::from(plate_px) * 0.6;
+    let reach = 0.6 * f64::from(conditions.plate_px);
+    let near = |o: &&scene::Object| (o.x - x).hypot(o.y - y) < reach;
     let read = scene
         .objects()
         .iter()
@@ -234,7 +237,9 @@ fn judge(
     let Some(heading) = object.heading() else {
         return;
     };
-    let truth = f64::from(plate.turn_rad) - std::f64::consts::FRAC_PI_2;
+    let heading_on_floor = plate.turn_rad - std::f32::consts::FRAC_PI_2;
+    let viewpoint = conditions.viewpoint;
+    let truth = f64::from(viewpoint.heading_in_picture(plate.centre, heading_on_floor, SIZE));
     let error = f64::from(fourier::wrapped((heading - truth) as f32));
     if error.abs() > 1.5 {
         score.half_turns += 1;
@@ -256,6 +261,7 @@ pub(crate) const USUAL: Conditions = Conditions {
     noise: 3.0,
     slope: 0.0,
     disturbance: Disturbance::None,
+    viewpoint: Viewpoint::ABOVE,
 };
 
 #[test]

@@ -11,6 +11,7 @@ use scene::{Object, Scene};
 use crate::accuracy::drawings;
 use crate::random::Random;
 use crate::scene::{Conditions, Disturbance, GREY, Palette, Plate, Robot, picture};
+use crate::viewpoint::Viewpoint;
 
 const SIZE: Size = Size {
     width: 320,
@@ -47,6 +48,7 @@ impl Play {
                 noise: 1.5,
                 slope: 0.02,
                 disturbance: Disturbance::None,
+                viewpoint: Viewpoint::ABOVE,
             },
             palette,
             sequence: 0,

@@ -6,5 +6,7 @@
 mod accuracy;
 mod disturbances;
 mod floorless;
+mod perspective;
 mod random;
 mod scene;
+mod viewpoint;

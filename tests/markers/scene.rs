@@ -4,6 +4,7 @@ use imgproc::Size;
 use overcam::image::frame::{Frame, PixelFormat};
 
 use crate::random::Random;
+use crate::viewpoint::Viewpoint;
 
 /// Sample points per pixel along each axis.
 const SUBSAMPLES: usize = 10;
@@ -21,6 +22,8 @@ pub(crate) struct Conditions {
     pub(crate) slope: f32,
     /// Any other disturbance.
     pub(crate) disturbance: Disturbance,
+    /// Where the camera looks from, and through what.
+    pub(crate) viewpoint: Viewpoint,
 }
 
 /// Disturbances on real floors.
@@ -142,7 +145,7 @@ pub(crate) fn picture(
         .map(|channel| vec![palette.floor[channel]; size.area()])
         .collect();
     for plate in plates {
-        draw(&mut planes, size, plate, palette, conditions.plate_px);
+        draw(&mut planes, size, plate, palette, conditions);
     }
     for plate in plates {
         light(&mut planes, size, plate, conditions);
@@ -307,8 +310,27 @@ fn subsample(frame: &mut Frame) {
     frame.format = PixelFormat::I420;
 }
 
-fn draw(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, palette: &Palette, plate_px: f32) {
-    let reach = plate_px * 0.75 + 6.0;
+fn draw(
+    planes: &mut [Vec<f32>],
+    size: Size,
+    plate: &Plate<'_>,
+    palette: &Palette,
+    conditions: &Conditions,
+) {
+    let Conditions {
+        plate_px,
+        viewpoint,
+        ..
+    } = *conditions;
+    let to_floor = |point: [f32; 2]| viewpoint.to_floor(point, size);
+    let centre = to_floor(plate.centre);
+    // As large in the picture everywhere.
+    let side = plate_px * viewpoint.floor_per_px(plate.centre, size);
+    let reach = if viewpoint == Viewpoint::ABOVE {
+        plate_px * 0.75 + 6.0
+    } else {
+        plate_px * 1.2 + 9.0
+    };
     for y in span(plate.centre[1], reach, size.height) {
         for x in span(plate.centre[0], reach, size.width) {
             let at = y * size.width + x;
@@ -319,11 +341,12 @@ fn draw(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, palette: &Palett
             let mut sums = [0.0; 3];
             for i in 0..SUBSAMPLES * SUBSAMPLES {
                 let offset = |i: usize| (i as f32 + 0.5) / SUBSAMPLES as f32 - 0.5;
-                let point = [
-                    x as f32 + offset(i % SUBSAMPLES) - plate.centre[0],
-                    y as f32 + offset(i / SUBSAMPLES) - plate.centre[1],
-                ];
-                let colour = plate.colour(point, plate_px, palette).unwrap_or(before);
+                let at = to_floor([
+                    x as f32 + offset(i % SUBSAMPLES),
+                    y as f32 + offset(i / SUBSAMPLES),
+                ]);
+                let point = [at[0] - centre[0], at[1] - centre[1]];
+                let colour = plate.colour(point, side, palette).unwrap_or(before);
                 for (sum, value) in sums.iter_mut().zip(colour) {
                     *sum += value / (SUBSAMPLES * SUBSAMPLES) as f32;
                 }
