@@ -57,14 +57,11 @@ const ROUNDS: usize = 8;
 /// the picture.
 const CURVATURE: f64 = 0.03;
 
-/// Standard deviation of the stretch that a contour shows.
-const OF_CONTOUR: f32 = 0.04;
-
 /// The perspective is known with this standard deviation of the stretch.
 const KNOWN: f32 = 0.03;
 
-/// From this stretch on, the contour of a marker is not near enough to that of an upright plate.
-const STRETCHED: f32 = 0.03;
+/// Up to this stretch, the contour of a marker is near enough to that of an upright plate.
+const STRETCHED: f32 = 0.02;
 
 /// What is expected of a plate at one place of the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,23 +113,34 @@ impl ExpectedStretch {
         })
     }
 
-    /// Square of the deviation of a stretch that a contour shows, in standard deviations of both.
-    pub(crate) fn deviation2(&self, stretch: [f32; 2]) -> f32 {
+    /// Square of the deviation of a stretch that was measured with this variance, in standard
+    /// deviations of both.
+    pub(crate) fn deviation2(&self, stretch: [f32; 2], variance: f32) -> f32 {
         let off = [0, 1].map(|i| stretch[i] - self.stretch[i]);
-        let variance = self.sigma * self.sigma + OF_CONTOUR * OF_CONTOUR;
-        (off[0] * off[0] + off[1] * off[1]) / variance
+        (off[0] * off[0] + off[1] * off[1]) / (self.sigma * self.sigma + variance)
     }
 
-    /// Whether the perspective of the camera is known here.
-    pub(crate) fn is_known(&self) -> bool {
-        self.sigma < KNOWN
-    }
-
-    /// Whether plates here are certainly no squares in the picture.
-    pub(crate) fn is_stretched(&self) -> bool {
+    /// How plates are seen here.
+    pub(crate) fn seen(&self) -> Seen {
         let [s, t] = self.stretch;
-        s.hypot(t) > STRETCHED + 2.0 * self.sigma
+        if self.sigma > KNOWN {
+            Seen::Unknown
+        } else if s.hypot(t) > STRETCHED {
+            Seen::AtAnAngle
+        } else {
+            Seen::FromAbove
+        }
     }
+}
+
+/// How a camera sees plates at one place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Seen {
+    /// As squares, or nearly.
+    FromAbove,
+    AtAnAngle,
+    /// Its perspective is not known yet.
+    Unknown,
 }
 
 /// A measurement of the stretch.
@@ -140,6 +148,17 @@ impl ExpectedStretch {
 pub(crate) struct StretchReading {
     stretch: [f64; 2],
     variance: f64,
+}
+
+impl StretchReading {
+    pub(crate) fn stretch(&self) -> [f32; 2] {
+        self.stretch.map(|s| s as f32)
+    }
+
+    /// Variance of each of the two numbers.
+    pub(crate) fn variance(&self) -> f32 {
+        self.variance as f32
+    }
 }
 
 /// Estimate for a camera.
@@ -185,13 +204,19 @@ impl Perspective {
             .map(|slope| slope.dot(&(self.covariance * slope)))
             .into_iter()
             .fold(0.0, f64::max);
-        let sigma = (variance + self.misfit + BETWEEN_PLATES * BETWEEN_PLATES).sqrt() as f32;
+        // In the middle of the picture, the stretch of a camera with little tilt depends on the
+        // square of the slope only.
+        let focal = self.unknowns[3].exp();
+        let slope_variance = self.covariance[(0, 0)] + self.covariance[(1, 1)];
+        let of_square = focal * focal * slope_variance / 4.0;
+        let between = BETWEEN_PLATES * BETWEEN_PLATES;
+        let sigma = (variance + of_square * of_square + self.misfit + between).sqrt() as f32;
         let width = self.size.width as f64;
         // The curvature is the slope over the focal length in the middle of the picture, and
         // changes by up to six times the distortion for every width from there.
-        let slope_variance = self.covariance[(0, 0)].max(self.covariance[(1, 1)]);
         let from_middle2 = at[0] * at[0] + at[1] * at[1];
-        let curvature_variance = slope_variance + 36.0 * from_middle2 * self.covariance[(2, 2)];
+        let curvature_variance =
+            slope_variance / 2.0 + 36.0 * from_middle2 * self.covariance[(2, 2)];
         let curvature_sigma = (curvature_variance + CURVATURE * CURVATURE).sqrt() / width;
         ExpectedStretch {
             stretch: stretch.map(|s| s as f32),
@@ -552,7 +577,7 @@ mod tests {
                 );
             }
         }
-        assert!(perspective.at([320.0, 240.0]).is_stretched());
-        assert!(!Perspective::new(SIZE).at([320.0, 240.0]).is_stretched());
+        assert_eq!(perspective.at([320.0, 240.0]).seen(), Seen::AtAnAngle);
+        assert_eq!(ExpectedStretch::unknown().seen(), Seen::Unknown);
     }
 }

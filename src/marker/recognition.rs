@@ -13,7 +13,7 @@ use imgproc::fit::{
 use crate::marker::Family;
 use crate::marker::cutout::{Cutout, Figure, Plate, Square};
 use crate::marker::optics::Optics;
-use crate::marker::perspective::StretchReading;
+use crate::marker::perspective::{Seen, StretchReading};
 use crate::marker::reference::{AngleReference, ORIENTATION_MIN, Reference, size_px};
 use crate::marker::template::Pattern;
 
@@ -31,8 +31,14 @@ const DISTANCE_BEYOND: (f32, f32) = (4.0, 0.004);
 /// their points, where a disc has a radius of 1.
 const ANGLE_DISTANCE_MAX: f32 = 0.08;
 
-/// Maximum deviation of the stretch of a candidate from what is expected, in standard deviations of
-/// both, and what the square of a deviation adds to the distance.
+/// Standard deviation of the stretch that a contour shows.
+const OF_CONTOUR: f32 = 0.04;
+
+/// Maximum deviation of the stretch of a plate from what is expected, in standard deviations of
+/// both. Pixels may outweigh the prior: trapezoids became triangles that were 12 deviations off.
+const DEVIATION_MAX: f32 = 5.0;
+
+/// The same for a candidate's contour, and what the square of a deviation adds to the distance.
 const START_DEVIATION_MAX: f32 = 4.0;
 const DISTANCE_OF_DEVIATION: f32 = 0.002;
 
@@ -193,7 +199,7 @@ impl Family {
         };
         let at_an_angle = || {
             let starts = self.starts_at_an_angle(figure, optics)?;
-            if optics.stretch.is_known() {
+            if optics.stretch.seen() == Seen::AtAnAngle {
                 return self.best_fit(starts, plate, cutout, optics, settings);
             }
             let stricter = RecognitionSettings {
@@ -203,10 +209,10 @@ impl Family {
             self.best_fit(starts, plate, cutout, optics, &stricter)
                 .filter(|read| read.confidence >= ANGLE_R_SQUARED_MIN)
         };
-        if optics.stretch.is_stretched() {
-            at_an_angle().or_else(upright)
-        } else {
-            upright().or_else(at_an_angle)
+        match optics.stretch.seen() {
+            Seen::FromAbove => upright(),
+            Seen::AtAnAngle => at_an_angle().or_else(upright),
+            Seen::Unknown => upright().or_else(at_an_angle),
         }
     }
 
@@ -281,7 +287,13 @@ impl Family {
         let expected = optics
             .stretch
             .prior(optics.blur.blur_px(), plate_px(&placed));
+        let fit_curved = |map| fit_curved_shape(grey, size, within, layers, map, &prior, &expected);
         let curved = match placed {
+            Placed::AtAnAngle(map) => fit_curved(map)?,
+            Placed::Upright(pose) if optics.stretch.seen() != Seen::Unknown => {
+                fit_curved(PlateMap::upright(&pose))?
+            }
+            // From a start that may be stretched in any direction, four numbers converge better.
             Placed::Upright(pose) => {
                 let fit = fit_shape(grey, size, within, layers, pose, &prior)?;
                 let refined =
@@ -291,19 +303,23 @@ impl Family {
                 };
                 refined
             }
-            Placed::AtAnAngle(map) => {
-                fit_curved_shape(grey, size, within, layers, map, &prior, &expected)?
-            }
         };
         let CurvedFit {
             fit,
             stretch,
             stretch_variance,
         } = curved;
-        Some(Fitted {
-            fit,
-            stretch: optics.stretch.reading(stretch, stretch_variance),
-        })
+        let stretch = optics.stretch.reading(stretch, stretch_variance);
+        let is_likely = |reading: &StretchReading| {
+            let deviation2 = optics
+                .stretch
+                .deviation2(reading.stretch(), reading.variance());
+            deviation2 <= DEVIATION_MAX * DEVIATION_MAX
+        };
+        stretch
+            .as_ref()
+            .is_none_or(is_likely)
+            .then_some(Fitted { fit, stretch })
     }
 
     /// Initial poses of the markers whose contours, seen at any angle, are nearest to that of a
@@ -314,6 +330,7 @@ impl Family {
         optics: &Optics,
     ) -> Option<[Option<Start>; CANDIDATES]> {
         let seen = normalise(figure.contour)?;
+        let magnitudes = seen.magnitudes();
         let blur_px = optics.blur.blur_px();
         let mut nearest = [None::<(f32, Start)>; CANDIDATES];
         for (marker, of_marker) in self.markers.iter().enumerate() {
@@ -321,6 +338,9 @@ impl Family {
                 continue;
             };
             let reference = &reference.at_an_angle;
+            if min_distance(&magnitudes, &reference.magnitudes) > ANGLE_DISTANCE_MAX {
+                continue;
+            }
             for aligned in align(&seen, &reference.normalised).into_iter().flatten() {
                 if aligned.distance > ANGLE_DISTANCE_MAX {
                     continue;
@@ -328,7 +348,9 @@ impl Family {
                 let Some(map) = map_of(&seen, reference, aligned.turn_rad) else {
                     continue;
                 };
-                let deviation2 = optics.stretch.deviation2(map.stretch());
+                let deviation2 = optics
+                    .stretch
+                    .deviation2(map.stretch(), OF_CONTOUR * OF_CONTOUR);
                 if deviation2 > START_DEVIATION_MAX * START_DEVIATION_MAX {
                     continue;
                 }

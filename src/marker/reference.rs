@@ -50,6 +50,8 @@ pub(crate) struct Reference {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct AngleReference {
     pub(crate) normalised: Normalised,
+    /// Magnitudes of the normalised contour.
+    pub(crate) magnitudes: [f32; N],
     /// Of the upright plate that was measured, pixels.
     pub(crate) plate_px: f32,
     pub(crate) centre_from_figure_px: [f32; 2],
@@ -126,6 +128,7 @@ impl Reference {
             centre_from_figure: centre.map(|c| c / n / size),
             at_an_angle: AngleReference {
                 normalised: upright.normalised,
+                magnitudes: upright.normalised.magnitudes(),
                 plate_px,
                 centre_from_figure_px: upright.centre_from_figure,
             },

@@ -10,7 +10,7 @@
 //! does not ignore how long they are. This is for those that it does not recognise.
 
 use crate::contour::{edges, region, resample_mapped};
-use crate::fft::{fft, frequency, inverse_fft};
+use crate::fft::{fft, inverse_fft};
 use crate::{Complex32, N};
 
 /// A normalised contour, and what it was normalised by.
@@ -22,6 +22,15 @@ pub struct Normalised {
     pub centre: [f32; 2],
     /// From the normalised contour to pixels from the centre: a symmetric matrix.
     pub to_pixels: [[f32; 2]; 2],
+}
+
+impl Normalised {
+    /// Absolute values of the coefficients. Neither a rotation nor the start point changes them, so
+    /// that [`min_distance`](crate::matching::min_distance) gives a bound of [`align`]'s.
+    #[must_use]
+    pub fn magnitudes(&self) -> [f32; N] {
+        self.coefficients.map(|c| libm::sqrtf(c.norm_sqr()))
+    }
 }
 
 /// The rotation between two normalised contours.
@@ -124,12 +133,18 @@ pub fn align(contour: &Normalised, reference: &Normalised) -> [Option<Aligned>; 
 /// The correlation at its maximum near a start point: that of a parabola through three points,
 /// twice.
 fn maximum(products: &[Complex32; N], mut s: f32) -> Complex32 {
+    // For every frequency the phase of the one before, turned by a step.
     let at = |s: f32| -> Complex32 {
-        let step = core::f32::consts::TAU * s / N as f32;
-        let terms = products.iter().enumerate();
-        terms
-            .map(|(k, product)| product * Complex32::from_polar(1.0, frequency(k) as f32 * step))
-            .sum()
+        let step = Complex32::from_polar(1.0, core::f32::consts::TAU * s / N as f32);
+        let (mut phase, mut sum) = (Complex32::new(1.0, 0.0), products[0]);
+        for k in 1..=N / 2 {
+            phase *= step;
+            sum += products[k] * phase;
+            if k < N / 2 {
+                sum += products[N - k] * phase.conj();
+            }
+        }
+        sum
     };
     for apart in [1.0, 0.25] {
         let [before, here, after] = [s - apart, s, s + apart].map(|s| at(s).norm());
@@ -144,6 +159,7 @@ fn maximum(products: &[Complex32; N], mut s: f32) -> Complex32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::matching::min_distance;
     use crate::wrapped;
     use core::f32::consts::PI;
     use proptest::prelude::*;
@@ -232,6 +248,8 @@ mod tests {
                 return Err(TestCaseError::fail("no rotation"));
             };
             prop_assert!(distance < 0.01, "{distance}");
+            let min = min_distance(&seen.magnitudes(), &reference.magnitudes());
+            prop_assert!(min <= distance + 1e-4, "{min}");
             // What the alignment says the map is.
             let (sin, cos) = turn_rad.sin_cos();
             let product = |a: [[f32; 2]; 2], b: [[f32; 2]; 2]| {

@@ -4,7 +4,7 @@ use super::descent::{Light, Model};
 use super::equations::{Batch, Normal};
 use super::plate_map::{PlateMap, TERMS, product, terms};
 use super::view::{Footprint, Place, Sample, View};
-use super::{LAST_STEP_BLUR, LAST_STEP_PX, Prior, StretchPrior};
+use super::{LAST_STEP_BLUR, Prior, StretchPrior};
 
 /// Unknowns: light, its slope in x and y, contrast, the logarithm of the blur, and the factors of
 /// the map.
@@ -25,6 +25,10 @@ const POINTS: [[f32; 2]; 5] = [
 /// Maximum stretch and curvature of a plate that can be read: beyond, it is seen from the side.
 const STRETCH_MAX: f32 = 0.65;
 const CURVATURE_MAX: f32 = 0.35;
+
+/// A fit ends with a step that moves no corner by more than this; the shape itself, which is nearer
+/// to the centre, then moves by half of it, and the next step would be a tenth.
+const LAST_MOVE_PX: f32 = 0.03;
 
 /// Below this stretch, the blur is round on the plate, too.
 const ROUND: f32 = 0.01;
@@ -247,8 +251,7 @@ impl Model<UNKNOWNS> for Curved {
     }
 
     fn is_small(&self, step: &[f64; UNKNOWNS]) -> bool {
-        f64::from(moved(step) * self.map.unit_px) < LAST_STEP_PX
-            && step[BLUR].abs() < LAST_STEP_BLUR
+        moved(step) * self.map.unit_px < LAST_MOVE_PX && step[BLUR].abs() < LAST_STEP_BLUR
     }
 
     fn is_near(&self, start: &Self) -> bool {
