@@ -197,7 +197,7 @@ impl Perspective {
 
     /// What is expected of a plate at a pixel.
     pub(crate) fn at(&self, pixel: [f64; 2]) -> ExpectedStretch {
-        let at = self.from_middle(pixel);
+        let at = self.relative_to_middle(pixel);
         let (stretch, slopes) = stretch_and_slopes(&self.unknowns, at);
         // Of the two numbers, the less certain one.
         let variance = slopes
@@ -236,7 +236,7 @@ impl Perspective {
             let [x, y] = pixel;
             let column = (x * COLUMNS as f64 / self.size.width as f64) as usize;
             let row = (y * ROWS as f64 / self.size.height as f64) as usize;
-            let place = self.from_middle(pixel);
+            let place = self.relative_to_middle(pixel);
             let cell = &mut self.cells[row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)];
             cell.add(
                 place,
@@ -250,7 +250,7 @@ impl Perspective {
         }
     }
 
-    fn from_middle(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    fn relative_to_middle(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let Size { width, height } = self.size;
         let width = width as f64;
         [x / width - 0.5, (y - height as f64 / 2.0) / width]
@@ -553,7 +553,7 @@ mod tests {
         let truth = Vector4::new(0.3, -0.5, -0.25, 0.15);
         let mut perspective = Perspective::new(SIZE);
         let of = |perspective: &Perspective, pixel: [f64; 2]| {
-            stretch(&truth, perspective.from_middle(pixel))
+            stretch(&truth, perspective.relative_to_middle(pixel))
         };
         assert!(perspective.at([600.0, 400.0]).sigma > 0.1);
         for frame in 0..20 {

@@ -26,8 +26,8 @@ impl Viewpoint {
 
     /// The point of the floor that a pixel shows. In the middle of the picture of an upright
     /// camera, a unit of the floor is a pixel.
-    pub(crate) fn to_floor(&self, pixel: [f32; 2], size: Size) -> [f32; 2] {
-        if *self == Self::ABOVE {
+    pub(crate) fn to_floor(self, pixel: [f32; 2], size: Size) -> [f32; 2] {
+        if self == Self::ABOVE {
             return pixel;
         }
         let focal = FOCAL_WIDTHS * size.width as f32;
