@@ -311,6 +311,7 @@ mod tests {
     use crate::marker::reference::{Placement, render};
     use fourier::wrapped;
     use imgproc::Size;
+    use random::SplitMix64;
 
     const SETTINGS: RecognitionSettings = RecognitionSettings {
         residual_ratio_max: 0.04,
@@ -409,11 +410,7 @@ mod tests {
             .iter()
             .map(|(name, svg)| read_drawing(name, svg).expect("a built-in marker"))
             .collect();
-        let mut state = 1u32;
-        let mut uniform = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        };
+        let mut random = SplitMix64(1);
         for (plate_px, blur_px) in [
             (24.0, 0.45),
             (24.0, 0.8),
@@ -430,7 +427,10 @@ mod tests {
                         width: side,
                         height: side,
                     };
-                    let centre = [side as f32 / 2.0 + uniform(), side as f32 / 2.0 + uniform()];
+                    let centre = [
+                        side as f32 / 2.0 + random.unit_f32(),
+                        side as f32 / 2.0 + random.unit_f32(),
+                    ];
                     let place = Placement {
                         centre,
                         turn_rad: 0.53 * step as f32,
@@ -440,7 +440,7 @@ mod tests {
                     for pixel in &mut grey {
                         // The sum of twelve uniform numbers is nearly normal, with standard
                         // deviation 1.
-                        let noise: f32 = (0..12).map(|_| uniform() - 0.5).sum();
+                        let noise: f32 = (0..12).map(|_| random.unit_f32() - 0.5).sum();
                         *pixel = (f32::from(*pixel) + 6.0 * noise).round().clamp(0.0, 255.0) as u8;
                     }
                     let cutout = Cutout {

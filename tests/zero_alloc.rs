@@ -15,6 +15,7 @@ use overcam::pipeline::{Outcome, Pipeline};
 use overcam::run::slot::Slot;
 use overcam::settings::Settings;
 use overcam::source::demo::{Floor, NATURAL_SIZE, RATE_HZ};
+use random::SplitMix64;
 use scene::Scene;
 
 thread_local! {
@@ -203,14 +204,8 @@ fn make_dirty(pipeline: &mut Pipeline, background: &model::BackgroundModel) {
     slot.frame.full_range = true;
     slot.frame.size = NATURAL_SIZE;
     let n_bytes = 3 * NATURAL_SIZE.area();
-    let mut state = 1_u64;
-    let mut noise = || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 56) as u8
-    };
-    let speckled: Vec<u8> = (0..n_bytes).map(|_| noise()).collect();
+    let mut random = SplitMix64(1);
+    let speckled: Vec<u8> = (0..n_bytes).map(|_| random.byte()).collect();
     let blocks = |i: usize| {
         let (x, y) = (i / 3 % NATURAL_SIZE.width, i / 3 / NATURAL_SIZE.width);
         if (x / 20 + y / 20).is_multiple_of(2) {

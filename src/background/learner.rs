@@ -185,6 +185,7 @@ impl Learner {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use random::SplitMix64;
 
     const SIZE: Size = Size {
         width: 40,
@@ -201,44 +202,26 @@ mod tests {
         }
     }
 
-    /// Splitmix64, and standard normal numbers by the Box-Muller transform.
-    struct Random(u64);
-
-    impl Random {
-        fn uniform(&mut self) -> f64 {
-            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = self.0;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-        }
-
-        fn normal(&mut self) -> f64 {
-            let (u, v) = (1.0 - self.uniform(), self.uniform());
-            (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-        }
-
-        /// A floor with a gradient, so that the noise is sampled at every fraction of a grey level.
-        fn picture(&mut self, sigma: f64) -> Picture {
-            let mut picture = grey(0);
-            for plane in [&mut picture.red, &mut picture.green, &mut picture.blue] {
-                for (i, value) in plane.iter_mut().enumerate() {
-                    let level = 120.0 + 0.1 * (i % SIZE.width + i / SIZE.width) as f64;
-                    *value = (level + sigma * self.normal()).round() as u8;
-                }
+    /// A floor with a gradient, so that the noise is sampled at every fraction of a grey level.
+    fn noisy_floor(random: &mut SplitMix64, sigma: f64) -> Picture {
+        let mut picture = grey(0);
+        for plane in [&mut picture.red, &mut picture.green, &mut picture.blue] {
+            for (i, value) in plane.iter_mut().enumerate() {
+                let level = 120.0 + 0.1 * (i % SIZE.width + i / SIZE.width) as f64;
+                *value = (level + sigma * random.normal()).round() as u8;
             }
-            picture
         }
+        picture
     }
 
     /// Standard deviation of a denoised pixel, from many frames.
     fn denoised_sigma(sigma: f64) -> f64 {
         const FRAMES: usize = 300;
-        let mut random = Random(99);
+        let mut random = SplitMix64(99);
         let (mut sum, mut squares) = (vec![0.0; SIZE.area()], vec![0.0; SIZE.area()]);
         let mut denoised = vec![0; SIZE.area()];
         for _ in 0..FRAMES {
-            median_3x3(&random.picture(sigma).red, SIZE, &mut denoised);
+            median_3x3(&noisy_floor(&mut random, sigma).red, SIZE, &mut denoised);
             for (i, &value) in denoised.iter().enumerate() {
                 sum[i] += f64::from(value);
                 squares[i] += f64::from(value).powi(2);
@@ -295,8 +278,8 @@ mod tests {
 
     #[test]
     fn the_floor_does_not_depend_on_how_the_work_is_shared_out() {
-        let mut random = Random(1);
-        let pictures: Vec<Picture> = (0..25).map(|_| random.picture(9.0)).collect();
+        let mut random = SplitMix64(1);
+        let pictures: Vec<Picture> = (0..25).map(|_| noisy_floor(&mut random, 9.0)).collect();
         // All at the end, in 5 shares, and in more shares than there are tiles.
         let at_once = learn(&pictures, 30);
         let mut shared = pictures.clone();
@@ -330,8 +313,8 @@ mod tests {
     fn gaussian_noise_is_measured() {
         // Denoising leaves 0.41 of it.
         for sigma in [1.6, 2.5, 4.0, 8.0, 16.0, 32.0, 46.0] {
-            let mut random = Random(7);
-            let pictures: Vec<Picture> = (0..30).map(|_| random.picture(sigma)).collect();
+            let mut random = SplitMix64(7);
+            let pictures: Vec<Picture> = (0..30).map(|_| noisy_floor(&mut random, sigma)).collect();
             let real = denoised_sigma(sigma);
             let (mean, error) = noise_against(real, &learn(&pictures, 30), inner());
             println!("{real:.2} grey levels: mean {mean:.3}, error {error:.3}");
@@ -351,8 +334,9 @@ mod tests {
             (4.0, 145, 1),
             (16.0, 185, 1),
         ] {
-            let mut random = Random(7);
-            let mut pictures: Vec<Picture> = (0..30).map(|_| random.picture(sigma)).collect();
+            let mut random = SplitMix64(7);
+            let mut pictures: Vec<Picture> =
+                (0..30).map(|_| noisy_floor(&mut random, sigma)).collect();
             // Each pixel is covered in 10 or 5 of the 25 collected frames by something of uniform
             // colour.
             for (i, picture) in pictures.iter_mut().enumerate() {

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use imgproc::Size;
+use random::SplitMix64;
 
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::{Drawing, read_drawing};
@@ -142,21 +143,16 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
         stretch: ExpectedStretch::unknown(),
     };
     let settings = Settings::default().recognition(None);
-    let mut state = 1u32;
-    let mut uniform = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
+    let mut random = SplitMix64(1);
     (0..TURNS).all(|turn| {
         let place = Placement {
-            centre: [0, 1].map(|_| side as f32 / 2.0 + uniform() - 0.5),
-            turn_rad: std::f32::consts::TAU * (turn as f32 + uniform()) / TURNS as f32,
+            centre: [0, 1].map(|_| side as f32 / 2.0 + random.unit_f32() - 0.5),
+            turn_rad: std::f32::consts::TAU * (turn as f32 + random.unit_f32()) / TURNS as f32,
             plate_px,
         };
         let mut grey = render(drawing, size, place, BLUR_PX);
         for pixel in &mut grey {
-            // The sum of twelve uniform numbers is nearly normal, with standard deviation 1.
-            let noise: f32 = (0..12).map(|_| uniform() - 0.5).sum();
+            let noise = random.normal() as f32;
             *pixel = (f32::from(*pixel) + NOISE * noise)
                 .round()
                 .clamp(0.0, 255.0) as u8;

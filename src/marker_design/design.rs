@@ -12,6 +12,7 @@ use std::f32::consts::TAU;
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
 use fourier::matching::{compare, distances};
+use random::SplitMix64;
 
 use crate::marker::drawing::{Drawing, read_drawing, svg_of};
 use crate::marker::reference::Reference;
@@ -114,7 +115,7 @@ pub fn design(
     for file in others {
         selected.extend(Shape::new(read_drawing(&file.name, &file.svg)?));
     }
-    let mut random = seed;
+    let mut random = SplitMix64(seed);
     let mut shapes: Vec<Shape> = (0..count * TRIED_FOR_EACH)
         .filter_map(|_| {
             let outline = outline(&radii(&mut random));
@@ -158,7 +159,7 @@ pub fn design(
 }
 
 /// Random radii, from up to down.
-fn radii(random: &mut u64) -> [f32; DIRECTIONS + 1] {
+fn radii(random: &mut SplitMix64) -> [f32; DIRECTIONS + 1] {
     let mut radii = [0.0; DIRECTIONS + 1];
     let mut last = None::<f32>;
     for radius in &mut radii {
@@ -166,19 +167,10 @@ fn radii(random: &mut u64) -> [f32; DIRECTIONS + 1] {
             Some(last) => (RADIUS.0.max(last - STEP_MAX), RADIUS.1.min(last + STEP_MAX)),
             None => RADIUS,
         };
-        *radius = min + (max - min) * uniform(random);
+        *radius = min + (max - min) * random.unit_f32();
         last = Some(*radius);
     }
     radii
-}
-
-/// Uniform from 0 to 1 (splitmix64).
-fn uniform(state: &mut u64) -> f32 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
 }
 
 /// The outline of a shape with the given radii, from up to down.

@@ -111,6 +111,7 @@ fn stands_out(pixel: i32, above: i32, below: i32) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use random::SplitMix64;
 
     const SIZE: Size = Size {
         width: 160,
@@ -120,12 +121,11 @@ mod tests {
     /// A floor with a fine grating and noise, and a moving bright square with a dark bar. If the
     /// picture is interlaced, every other row shows it half a frame period later.
     fn frame(number: i32, speed: f64, interlaced: bool) -> Vec<u8> {
-        let mut state = 12_345_u32.wrapping_add(number as u32);
+        let mut random = SplitMix64(number as u64);
         (0..SIZE.area())
             .map(|i| {
                 let (x, y) = (i % SIZE.width, i / SIZE.width);
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                let noise = (state >> 24) as u8 % 9;
+                let noise = random.byte() % 9;
                 let moment = f64::from(number) + if interlaced && y % 2 == 1 { 0.5 } else { 0.0 };
                 let left = 20.0 + speed * moment;
                 let (across, down) = (x as f64 - left, y as f64 - 40.0);
@@ -161,13 +161,10 @@ mod tests {
     #[test]
     fn noise_is_no_comb() {
         let mut combing = Combing::new(SIZE);
-        let mut state = 1_u32;
+        let mut random = SplitMix64(1);
         for number in 0..30 {
             let noise = (0..SIZE.area()).map(|_| {
-                let uniform = [(); 4].map(|()| {
-                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                    (state >> 24) as u16 % 64
-                });
+                let uniform = [(); 4].map(|()| u16::from(random.byte() % 64));
                 (64 + uniform.iter().sum::<u16>() / 2) as u8
             });
             assert!(!combing.add(&noise.collect::<Vec<u8>>()), "frame {number}");

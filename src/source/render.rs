@@ -8,6 +8,7 @@
 use std::f32::consts::TAU;
 
 use imgproc::Size;
+use random::SplitMix64;
 
 use crate::geometry::raster::{Vertex, blur, fill_polygon};
 use crate::image::frame::Picture;
@@ -61,8 +62,8 @@ pub(crate) struct Renderer {
 impl Renderer {
     pub(crate) fn new(size: Size, seed: u64) -> Self {
         let floor = floor(size, seed);
-        let mut random = Random(seed ^ 0x006e_6f69_7365);
-        let noise = (0..NOISE_TABLE).map(|_| random.gaussian()).collect();
+        let mut random = SplitMix64(seed ^ 0x006e_6f69_7365);
+        let noise = (0..NOISE_TABLE).map(|_| gaussian(&mut random)).collect();
         Self {
             size,
             canvas: floor.clone(),
@@ -175,10 +176,10 @@ impl Renderer {
     /// Finishes a frame: light, noise, quantisation to 8 bits; red, green and blue are interleaved.
     pub(crate) fn finish(&self, sequence: u64, bytes: &mut Vec<u8>) {
         bytes.resize(3 * self.size.area(), 0);
-        let mut random = Random(self.seed ^ sequence.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mut random = SplitMix64(self.seed ^ sequence.wrapping_mul(0x9e37_79b9_7f4a_7c15));
         for (y, row) in bytes.chunks_exact_mut(3 * self.size.width).enumerate() {
             for (channel, plane) in self.canvas.iter().enumerate() {
-                let offset = random.next() as usize;
+                let offset = random.bits() as usize;
                 let values = &plane[y * self.size.width..][..self.size.width];
                 for (x, value) in values.iter().enumerate() {
                     let signal = value * self.light;
@@ -238,9 +239,11 @@ impl Area {
 fn floor(size: Size, seed: u64) -> [Vec<f32>; 3] {
     const TILE_PX: usize = 96;
     const COLOUR: [f32; 3] = [158.0, 150.0, 138.0];
-    let mut random = Random(seed);
-    let grain: Vec<f32> = (0..size.area()).map(|_| random.gaussian()).collect();
-    let tile: Vec<f32> = (0..64).map(|_| 1.0 + 0.02 * random.gaussian()).collect();
+    let mut random = SplitMix64(seed);
+    let grain: Vec<f32> = (0..size.area()).map(|_| gaussian(&mut random)).collect();
+    let tile: Vec<f32> = (0..64)
+        .map(|_| 1.0 + 0.02 * gaussian(&mut random))
+        .collect();
     COLOUR.map(|base| {
         let pixel = |i: usize| {
             let (x, y) = (i % size.width, i / size.width);
@@ -254,23 +257,9 @@ fn floor(size: Size, seed: u64) -> [Vec<f32>; 3] {
     })
 }
 
-/// A small random number generator (splitmix64: Steele, Lea and Flood 2014).
-#[derive(Debug)]
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Standard normal, by the Box-Muller transform.
-    fn gaussian(&mut self) -> f32 {
-        let unit = |bits: u64| ((bits >> 40) as f32 + 0.5) / (1u64 << 24) as f32;
-        let (u, v) = (unit(self.next()), unit(self.next()));
-        (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
-    }
+/// Standard normal, by the transform of Box and Muller.
+fn gaussian(random: &mut SplitMix64) -> f32 {
+    let mut unit = || ((random.bits() >> 40) as f32 + 0.5) / (1u64 << 24) as f32;
+    let (u, v) = (unit(), unit());
+    (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
 }

@@ -1,11 +1,10 @@
 //! Numbers that look random and are the same in every run.
 
-/// A well-mixed number from a counter (the finaliser of splitmix64).
+use random::SplitMix64;
+
+/// A well-mixed number from a counter.
 pub(crate) fn mixed(counter: u64) -> u64 {
-    let mut z = counter.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    SplitMix64(counter).bits()
 }
 
 /// Uniform in -1 to 1, fixed for a point of a lattice.

@@ -113,7 +113,7 @@ pub(crate) fn measure(
 ) -> Score {
     let family = Family::from_files(files).expect("a usable family");
     let (markers, tempting) = (drawings(files), tempting());
-    let mut random = Random(7);
+    let mut random = Random::new(7);
     let mut pipeline = Pipeline::new(
         SIZE,
         Some(RATE_HZ as f64),

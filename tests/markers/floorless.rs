@@ -41,7 +41,7 @@ impl Play {
         Self {
             pipeline: Pipeline::new(SIZE, Some(RATE_HZ as f64), settings, family, None),
             slot: Slot::empty(),
-            random: Random(11),
+            random: Random::new(11),
             conditions: Conditions {
                 plate_px: PLATE_PX,
                 blur_px: 0.6,

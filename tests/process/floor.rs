@@ -12,6 +12,7 @@ use overcam::image::frame::Picture;
 use overcam::image::picture_file::write_png;
 use overcam::run::slot::{Next, Slot};
 use overcam::source::replay::Recording;
+use random::SplitMix64;
 use serde_json::Value;
 
 use crate::fixture::{
@@ -33,12 +34,11 @@ const FRAME_BYTES: usize = FRAME.len() + WIDTH * HEIGHT * 3 / 2;
 fn empty_then_busy(n_empty: usize, n_busy: usize) -> Vec<u8> {
     let mut stream = y4m(n_empty + n_busy);
     let first = stream.len() - (n_empty + n_busy) * FRAME_BYTES;
-    let mut state = 1_u32;
+    let mut random = SplitMix64(1);
     for frame in stream[first..].chunks_mut(FRAME_BYTES).take(n_empty) {
         let (luma, chroma) = frame[FRAME.len()..].split_at_mut(WIDTH * HEIGHT);
         for value in luma {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            *value = 108 + (state >> 24) as u8 % 5;
+            *value = 108 + random.byte() % 5;
         }
         chroma.fill(128);
     }

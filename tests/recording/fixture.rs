@@ -13,6 +13,7 @@ use overcam::output::mcap::provenance::Provenance;
 use overcam::output::mcap::record::{Recorder, Summary};
 use overcam::run::slot::{Next, Slot, SourceInfo};
 use overcam::source::replay::{Recording, ReplayError};
+use random::SplitMix64;
 use scene::{
     FRAME_FLOOR, ForecastPoint, HAS_HEADING, KIND_MARKER, KIND_OBSTACLE, OBSERVED, Object, Scene,
 };
@@ -53,14 +54,8 @@ pub(crate) fn provenance() -> Provenance {
 
 /// Bytes without a pattern that a compressor could use.
 pub(crate) fn noise(seed: u64, n_bytes: usize) -> Vec<u8> {
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    let mut next = || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 32) as u8
-    };
-    (0..n_bytes).map(|_| next()).collect()
+    let mut random = SplitMix64(seed);
+    (0..n_bytes).map(|_| random.byte()).collect()
 }
 
 pub(crate) fn floor(seed: u64, size: Size) -> BackgroundModel {

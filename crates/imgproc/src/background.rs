@@ -64,6 +64,7 @@ pub fn median_of_frames(frames: &[u8], out: &mut [u8]) {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use random::SplitMix64;
     use std::vec::Vec;
 
     #[test]
@@ -77,12 +78,9 @@ mod tests {
     proptest! {
         #[test]
         fn equals_sorting(area in 1usize..600, n in 1usize..12, seed: u32) {
-            let mut state = seed;
+            let mut random = SplitMix64(seed.into());
             let frames: Vec<u8> = (0..area * n)
-                .map(|_| {
-                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                    (state >> 24) as u8
-                })
+                .map(|_| random.byte())
                 .collect();
             let mut out = std::vec![0x5a; area];
             median_of_frames(&frames, &mut out);

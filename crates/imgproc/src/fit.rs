@@ -332,6 +332,7 @@ fn result<M: Model<N>, const N: usize>(
 mod tests {
     use super::view::PIXEL_VARIANCE;
     use super::*;
+    use random::SplitMix64;
     use std::{vec, vec::Vec};
 
     const SIDE: usize = 105;
@@ -471,17 +472,8 @@ mod tests {
     #[test]
     fn errors_match_the_covariance() {
         let samples = samples();
-        let mut state = 1u64;
-        let mut normal = || {
-            (0..12)
-                .map(|_| {
-                    state = state
-                        .wrapping_mul(6364136223846793005)
-                        .wrapping_add(1442695040888963407);
-                    (state >> 40) as f32 / (1u64 << 24) as f32 - 0.5
-                })
-                .sum::<f32>()
-        };
+        let mut random = SplitMix64(1);
+        let mut normal = || random.normal() as f32;
         let (mut squares, n) = ([0.0; 3], 300);
         // Products of the errors of position and rotation, and their expected values, both
         // multiplied by the latter.

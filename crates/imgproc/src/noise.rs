@@ -187,6 +187,7 @@ mod tests {
     use crate::background::median_of_frames;
     use crate::window::naive;
     use proptest::prelude::*;
+    use random::SplitMix64;
     use std::vec::Vec;
 
     /// The same, written naively for one pixel.
@@ -215,12 +216,9 @@ mod tests {
     proptest! {
         #[test]
         fn equals_the_naive_variance(area in 1usize..600, n in 1usize..12, spread in 1u32..256, seed: u32) {
-            let mut state = seed;
+            let mut random = SplitMix64(seed.into());
             let frames: Vec<u8> = (0..area * n)
-                .map(|_| {
-                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                    ((state >> 16) % spread) as u8
-                })
+                .map(|_| (random.bits() % u64::from(spread)) as u8)
                 .collect();
             for (i, variance) in variances(&frames, area).into_iter().enumerate() {
                 let values: Vec<u8> = frames.iter().skip(i).step_by(area).copied().collect();

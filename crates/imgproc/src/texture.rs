@@ -217,6 +217,7 @@ fn root(square: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use random::SplitMix64;
     use std::vec;
     use std::vec::Vec;
 
@@ -225,15 +226,10 @@ mod tests {
         height: 36,
     };
 
-    /// Numbers below 512, by splitmix64.
+    /// Numbers below 512.
     fn random(seed: u64) -> impl Iterator<Item = u16> {
-        let mut state = seed << 32;
-        std::iter::repeat_with(move || {
-            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            (z >> 55) as u16
-        })
+        let mut random = SplitMix64(seed << 32);
+        std::iter::repeat_with(move || (random.bits() >> 55) as u16)
     }
 
     fn carpet(seed: u64) -> Vec<u16> {

@@ -1,25 +1,23 @@
 //! Pseudo-random numbers, the same on every machine.
 
-/// SplitMix64.
+use random::SplitMix64;
+
+/// A generator, with the distributions that motions need.
 #[derive(Debug, Clone)]
-pub struct Random(u64);
+pub struct Random(SplitMix64);
 
 impl Random {
     /// An independent sequence for every seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
-        let mut random = Self(seed.wrapping_mul(0xd134_2543_de82_ef95));
+        let mut random = Self(SplitMix64(seed.wrapping_mul(0xd134_2543_de82_ef95)));
         random.uniform();
         random
     }
 
     /// Uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        self.0.unit_f64()
     }
 
     /// Uniform in [min, max).
@@ -54,7 +52,6 @@ impl Random {
 
     /// Standard normal (Box and Muller).
     pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
+        self.0.normal()
     }
 }

@@ -2,6 +2,7 @@
 //! be repeated.
 
 use crate::Format;
+use random::SplitMix64;
 
 /// Longest input, in bytes: faults show in small ones, and small ones are fast.
 const BYTES_MAX: usize = 1 << 16;
@@ -22,21 +23,13 @@ const EDGES: [u64; 12] = [
     0xffff_ffff_ffff_ffff,
 ];
 
-/// Random numbers (splitmix64, Steele, Lea and Flood 2014).
-struct Random(u64);
+/// Random choices.
+struct Random(SplitMix64);
 
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
     /// From 0 to `n` - 1; 0 if that is none.
     fn below(&mut self, n: usize) -> usize {
-        (self.next() % n.max(1) as u64) as usize
+        (self.0.bits() % n.max(1) as u64) as usize
     }
 
     /// Of a stretch: from 1 to 256, mostly short.
@@ -56,10 +49,12 @@ pub fn input(format: &Format, files: &[Vec<u8>], seed: u64, number: u64) -> Vec<
     if let Some(file) = files.get(number as usize) {
         return file.clone();
     }
-    let mut random = Random(seed ^ number.wrapping_mul(0xd134_2543_de82_ef95));
+    let mut random = Random(SplitMix64(
+        seed ^ number.wrapping_mul(0xd134_2543_de82_ef95),
+    ));
     if number.is_multiple_of(64) {
         let n_bytes = random.below(300);
-        return (0..n_bytes).map(|_| random.next() as u8).collect();
+        return (0..n_bytes).map(|_| random.0.byte()).collect();
     }
     let mut bytes = random.of(files).clone();
     // Mostly few changes: after many, the first one is where reading ends.
@@ -76,7 +71,7 @@ fn change(bytes: &mut Vec<u8>, format: &Format, files: &[Vec<u8>], random: &mut 
     let end = (at + random.length()).min(bytes.len());
     match random.below(10) {
         0 if !bytes.is_empty() => bytes[at] ^= 1 << random.below(8),
-        1 if !bytes.is_empty() => bytes[at] = random.next() as u8,
+        1 if !bytes.is_empty() => bytes[at] = random.0.byte(),
         2 => overwrite_number(bytes, at, random),
         3 => drop(bytes.drain(at..end)),
         4 => {
@@ -89,7 +84,7 @@ fn change(bytes: &mut Vec<u8>, format: &Format, files: &[Vec<u8>], random: &mut 
             splice(bytes, at..end, other, random);
         }
         7 => {
-            let fill = random.next() as u8;
+            let fill = random.0.byte();
             bytes[at..end].fill(fill);
         }
         8 => replace_digits(bytes, at, random),

@@ -149,7 +149,7 @@ impl Count {
 fn crowd(n: usize, merging: f64, false_blobs: f64, n_scenes: u64) -> Count {
     let mut count = Count::default();
     for seed in 0..n_scenes {
-        let mut random = Random(1000 * n as u64 + seed);
+        let mut random = Random::new(1000 * n as u64 + seed);
         let mut movers: Vec<Mover> = (0..n).map(|_| Mover::new(&mut random)).collect();
         let mut floor = Floor::new();
         floor.settings.top_speed = SPEEDS[1];

@@ -1,6 +1,7 @@
 //! A tracker that is fed frame by frame.
 
 use predict::{MAX_TRACKS, Observation, Settings, Track, Tracker, Update};
+use random::SplitMix64;
 
 /// Frame period at 15 frames per second.
 pub(crate) const STEP_NS: u64 = 66_666_667;
@@ -70,16 +71,17 @@ pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     f64::hypot(a[0] - b[0], a[1] - b[1])
 }
 
-/// Uniform numbers in [0, 1), the same in every run (SplitMix64).
-pub(crate) struct Random(pub(crate) u64);
+/// Random numbers of a scene.
+pub(crate) struct Random(SplitMix64);
 
 impl Random {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(SplitMix64(seed))
+    }
+
+    /// Uniform in [0, 1).
     pub(crate) fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        self.0.unit_f64()
     }
 
     pub(crate) fn within(&mut self, min: f64, max: f64) -> f64 {

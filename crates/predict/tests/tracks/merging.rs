@@ -408,7 +408,7 @@ fn step(movers: &mut [Mover], meeting: Meeting, random: &mut Random) {
 fn switches_per_1000(n_objects: usize, meeting: Meeting, extents: bool) -> f64 {
     let (mut n_switches, mut n_frames) = (0, 0);
     for seed in 0..2 {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut movers: Vec<Mover> = (0..n_objects)
             .map(|_| Mover {
                 at: [random.within(10.0, 630.0), random.within(10.0, 470.0)],
