@@ -176,54 +176,20 @@ fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String
         exec.push(' ');
         exec += &quoted(word, Dollar::Doubled);
     }
-    let service = &args.service;
-    let description = plain(service);
+    let description = plain(&args.service);
     let (user, whose) = match around.user {
         "root" => ("overcam", user_of_its_own(around.program)),
         user => (user, String::new()),
     };
-    let (groups, readers) = match &args.group {
-        Some(group) => (
-            format!("video {}", plain(group)),
-            format!("# Members of the group {} can subscribe.\n", plain(group)),
-        ),
-        None => (
-            "video".to_owned(),
-            format!(
-                "# Only programs of the user {user} and of root can subscribe; with --group NAME the members of a group can.\n"
-            ),
-        ),
-    };
-    let mut writable = Vec::new();
-    if let Some(record) = &args.record {
-        let folder = around.folder.join(record);
-        let folder = folder.parent().unwrap_or(Path::new("/"));
-        writable.push(quoted(folder.as_os_str(), Dollar::Plain));
-    }
-    let tmp = if args.group.is_some() || args.no_publish {
-        "PrivateTmp=yes\n"
-    } else {
-        // iceoryx2 programs find each other through files in /tmp/iceoryx2.
-        writable.push("/tmp".to_owned());
-        ""
-    };
+    let (groups, readers) = groups_and_readers(args, user);
+    let files = access_to_files(args, around.folder);
     // The directories of a group pass on its number to new files through the setgid bit.
     let sgid = if args.group.is_none() {
         "RestrictSUIDSGID=yes\n"
     } else {
         ""
     };
-    let writable = if writable.is_empty() {
-        String::new()
-    } else {
-        format!("ReadWritePaths={}\n", writable.join(" "))
-    };
-    let unit_name = if service == scene::DEFAULT_SERVICE {
-        service.clone()
-    } else {
-        let name = service.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
-        format!("overcam-{name}")
-    };
+    let unit_name = unit_name(&args.service);
     format!(
         "# Install: sudo cp {unit_name}.service /etc/systemd/system/ && sudo systemctl daemon-reload && sudo systemctl enable --now {unit_name}\n\
          # See:     systemctl status {unit_name}; journalctl -u {unit_name} -f\n\
@@ -257,7 +223,7 @@ fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String
          \n\
          ProtectSystem=strict\n\
          ProtectHome=read-only\n\
-         {writable}{tmp}\
+         {files}\
          DevicePolicy=closed\n\
          DeviceAllow=char-video4linux rw\n\
          NoNewPrivileges=yes\n\
@@ -280,6 +246,55 @@ fn unit(args: &RunArgs, words: &[OsString], around: &Surroundings<'_>) -> String
          [Install]\n\
          WantedBy=multi-user.target\n"
     )
+}
+
+/// The groups of the service, and a comment on who can subscribe.
+fn groups_and_readers(args: &RunArgs, user: &str) -> (String, String) {
+    match &args.group {
+        Some(group) => (
+            format!("video {}", plain(group)),
+            format!("# Members of the group {} can subscribe.\n", plain(group)),
+        ),
+        None => (
+            "video".to_owned(),
+            format!(
+                "# Only programs of the user {user} and of root can subscribe; with --group NAME the members of a group can.\n"
+            ),
+        ),
+    }
+}
+
+/// The folders that the service writes to, and whether it has a /tmp of its own. `folder` is where
+/// relative paths start.
+fn access_to_files(args: &RunArgs, folder: &Path) -> String {
+    let mut writable = Vec::new();
+    if let Some(record) = &args.record {
+        let path = folder.join(record);
+        let folder = path.parent().unwrap_or(Path::new("/"));
+        writable.push(quoted(folder.as_os_str(), Dollar::Plain));
+    }
+    let tmp = if args.group.is_some() || args.no_publish {
+        "PrivateTmp=yes\n"
+    } else {
+        // iceoryx2 programs find each other through files in /tmp/iceoryx2.
+        writable.push("/tmp".to_owned());
+        ""
+    };
+    if writable.is_empty() {
+        tmp.to_owned()
+    } else {
+        format!("ReadWritePaths={}\n{tmp}", writable.join(" "))
+    }
+}
+
+/// Name of the unit for a service.
+fn unit_name(service: &str) -> String {
+    if service == scene::DEFAULT_SERVICE {
+        service.to_owned()
+    } else {
+        let name = service.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-', "_");
+        format!("overcam-{name}")
+    }
 }
 
 /// Instructions for running the service as a user of its own.

@@ -153,7 +153,6 @@ pub fn decode_rgb(jpeg: &[u8], expected: Size) -> Result<Vec<u8>, JpegError> {
         .set_strict_mode(true)
         .jpeg_set_out_colorspace(ColorSpace::RGB);
     let complete = mended(jpeg, &layout);
-    let damaged = |reason: String| JpegError::Damaged { reason };
     let rgb = JpegDecoder::new_with_options(ZCursor::new(&complete), options)
         .decode()
         .map_err(|error| damaged(error.to_string()))?;
@@ -172,21 +171,14 @@ fn walk(jpeg: &[u8]) -> Result<Layout, JpegError> {
     }
     let jpeg = without_padding(jpeg);
     let cut_off = JpegError::Truncated { length };
-    let damaged = |reason: &str| JpegError::Damaged {
-        reason: reason.to_owned(),
-    };
-    let mut frame: Option<FrameHeader> = None;
-    let mut tables = Tables::default();
-    define_standard(&mut tables);
-    let (mut has_tables, mut first_scan, mut n_scans) = (false, None, 0);
-    let (mut restart_interval, mut junk) = (0, Vec::new());
+    let mut seen = Seen::default();
+    define_standard(&mut seen.tables);
     let mut at = 2;
     let has_end_marker = loop {
         let rest = &jpeg[at.min(jpeg.len())..];
-        let is_whole = first_scan.is_some() && frame.as_ref().is_some_and(FrameHeader::is_complete);
         match rest {
             // Either less than a marker is left of the padding, or another image starts.
-            [] | [_] | [0xff, START_OF_IMAGE, ..] if is_whole => break false,
+            [] | [_] | [0xff, START_OF_IMAGE, ..] if seen.is_whole() => break false,
             // Any number of fill bytes may precede a marker.
             [0xff, 0xff, ..] => at += 1,
             [0xff, END_OF_IMAGE, ..] => break true,
@@ -197,58 +189,20 @@ fn walk(jpeg: &[u8]) -> Result<Layout, JpegError> {
                 let Some(content) = rest.get(4..2 + n_bytes) else {
                     return Err(cut_off);
                 };
-                match *marker {
-                    HUFFMAN_TABLES => {
-                        has_tables = true;
-                        define(&mut tables, content)
-                            .ok_or_else(|| damaged("bad Huffman tables"))?;
-                    }
-                    RESTART_INTERVAL => {
-                        let interval = content
-                            .first_chunk()
-                            .ok_or_else(|| damaged("bad restart interval"))?;
-                        restart_interval = usize::from(u16::from_be_bytes(*interval));
-                    }
-                    0xc0..=0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => {
-                        frame = Some(frame_header(*marker, content)?);
-                    }
-                    _ => {}
+                seen.segment(*marker, content)?;
+                if *marker == START_OF_SCAN {
+                    seen.first_scan.get_or_insert(at);
                 }
                 at += 2 + n_bytes;
                 if *marker == START_OF_SCAN {
-                    first_scan = first_scan.or(Some(at - 2 - n_bytes));
-                    n_scans += 1;
-                    let Some(frame) = frame.as_mut().filter(|_| n_scans <= SCANS_MAX) else {
-                        return Err(if n_scans > SCANS_MAX {
-                            damaged("too many scans")
-                        } else {
-                            JpegError::Empty
-                        });
-                    };
-                    at = if frame.coding == Coding::Other {
-                        end_of_other_coding(jpeg, at)
-                    } else {
-                        scan::read(
-                            jpeg,
-                            at,
-                            content,
-                            frame,
-                            &tables,
-                            restart_interval,
-                            &mut junk,
-                        )
-                        .map_err(|error| match error {
-                            ScanError::Short => cut_off.clone(),
-                            ScanError::Damaged(reason) => damaged(reason),
-                        })?
-                    };
+                    at = seen.scan(jpeg, at, content, &cut_off)?;
                 }
             }
             [] | [0xff] | [0xff, _] | [0xff, _, _] => return Err(cut_off),
             _ => return Err(JpegError::NotJpeg { at, length }),
         }
     };
-    let (Some(frame), Some(first_scan)) = (frame, first_scan) else {
+    let (Some(frame), Some(first_scan)) = (seen.frame, seen.first_scan) else {
         return Err(JpegError::Empty);
     };
     if !frame.is_complete() {
@@ -256,12 +210,87 @@ fn walk(jpeg: &[u8]) -> Result<Layout, JpegError> {
     }
     Ok(Layout {
         size: frame.size,
-        has_tables,
+        has_tables: seen.has_tables,
         first_scan,
         end: (at + if has_end_marker { 2 } else { 0 }).min(jpeg.len()),
         has_end_marker,
-        junk,
+        junk: seen.junk,
     })
+}
+
+fn damaged(reason: impl Into<String>) -> JpegError {
+    let reason = reason.into();
+    JpegError::Damaged { reason }
+}
+
+/// What a walk has come across.
+#[derive(Default)]
+struct Seen {
+    frame: Option<FrameHeader>,
+    tables: Tables,
+    has_tables: bool,
+    restart_interval: usize,
+    first_scan: Option<usize>,
+    n_scans: usize,
+    junk: Vec<Range<usize>>,
+}
+
+impl Seen {
+    /// Whether all data of the image have been read.
+    fn is_whole(&self) -> bool {
+        self.first_scan.is_some() && self.frame.as_ref().is_some_and(FrameHeader::is_complete)
+    }
+
+    /// Keeps what a segment says about the scans after it.
+    fn segment(&mut self, marker: u8, content: &[u8]) -> Result<(), JpegError> {
+        match marker {
+            HUFFMAN_TABLES => {
+                self.has_tables = true;
+                define(&mut self.tables, content).ok_or_else(|| damaged("bad Huffman tables"))?;
+            }
+            RESTART_INTERVAL => {
+                let interval = content
+                    .first_chunk()
+                    .ok_or_else(|| damaged("bad restart interval"))?;
+                self.restart_interval = usize::from(u16::from_be_bytes(*interval));
+            }
+            0xc0..=0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => {
+                self.frame = Some(frame_header(marker, content)?);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Reads the data of a scan, which start at `at`. Returns where they end.
+    fn scan(
+        &mut self,
+        jpeg: &[u8],
+        at: usize,
+        header: &[u8],
+        cut_off: &JpegError,
+    ) -> Result<usize, JpegError> {
+        self.n_scans += 1;
+        if self.n_scans > SCANS_MAX {
+            return Err(damaged("too many scans"));
+        }
+        let frame = self.frame.as_mut().ok_or(JpegError::Empty)?;
+        if frame.coding == Coding::Other {
+            return Ok(end_of_other_coding(jpeg, at));
+        }
+        let Self {
+            tables,
+            restart_interval,
+            junk,
+            ..
+        } = self;
+        scan::read(jpeg, at, header, frame, tables, *restart_interval, junk).map_err(|error| {
+            match error {
+                ScanError::Short => cut_off.clone(),
+                ScanError::Damaged(reason) => damaged(reason),
+            }
+        })
+    }
 }
 
 /// The image without the zeros with which a camera pads its buffer: without an end marker they

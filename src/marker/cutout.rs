@@ -224,9 +224,23 @@ pub(crate) fn find_plates(
             touches: false,
         });
     }
+    if !any {
+        whole_as_plate(cutout, &split, scratch, found);
+    }
+}
+
+/// Calls `found` with the whole shape as one plate, if it is small or its surroundings are masked:
+/// blur may have broken the light into pieces, or the figure may reach the border of its plate.
+fn whole_as_plate(
+    cutout: Cutout<'_>,
+    split: &Split,
+    scratch: &mut CutoutScratch,
+    mut found: impl FnMut(Plate<'_>) -> bool,
+) {
+    let Cutout { size, grey, mask } = cutout;
     let broken = size.width.max(size.height) <= BROKEN_MAX_PX;
     let is_part = mask.contains(&0);
-    if any || !(broken || is_part) {
+    if !(broken || is_part) {
         return;
     }
     let closed = &mut scratch.closed[..size.area()];
