@@ -469,6 +469,165 @@ mod tests {
         }
     }
 
+    /// A plate that is seen at an angle: compressed along its own u axis. The blur is round in the
+    /// picture.
+    fn compressed(size: Size, pose: &Pose, share: f32, mut noise: impl FnMut() -> f32) -> Vec<u8> {
+        let (sin, cos) = pose.turn_rad.sin_cos();
+        let [width, height] = [share.sqrt(), 1.0 / share.sqrt()].map(|s| s * pose.plate_px);
+        let spread = (pose.blur_px * pose.blur_px + PIXEL_VARIANCE).sqrt();
+        (0..size.area())
+            .map(|i| {
+                let [dx, dy] = [
+                    (i % size.width) as f32 - pose.centre[0],
+                    (i / size.width) as f32 - pose.centre[1],
+                ];
+                let (u, v) = (
+                    (cos * dx + sin * dy) / width,
+                    (cos * dy - sin * dx) / height,
+                );
+                let edge = |d: f32| 0.5 * erf(f64::from(d / spread) / 2f64.sqrt());
+                let within = |c: f32, from: f32, to: f32, side: f32| {
+                    edge((c - from) * side) - edge((c - to) * side)
+                };
+                let coverage: f64 = FLAG
+                    .iter()
+                    .map(|&[left, top, right, bottom]| {
+                        within(u, left, right, width) * within(v, top, bottom, height)
+                    })
+                    .sum();
+                let grey = if u.abs().max(v.abs()) > 0.5 {
+                    90.0
+                } else {
+                    (200.0 + 0.3 * dx) * (1.0 - 0.8 * coverage as f32)
+                };
+                (grey + noise()).round().clamp(0.0, 255.0) as u8
+            })
+            .collect()
+    }
+
+    /// Nothing is known of the camera.
+    const ANY_ANGLE: StretchPrior = StretchPrior {
+        blur_px: 0.65,
+        stretch: [0.0; 2],
+        sigma: 0.15,
+        curvature: [[0.0; 3]; 2],
+        curvature_sigma: 0.005,
+    };
+
+    #[test]
+    fn a_plate_at_an_angle_is_found_from_a_start_nearby() {
+        let samples = samples();
+        for (i, (plate_px, share)) in [(16.0, 0.9), (24.0, 0.7), (48.0, 0.6), (90.0, 0.8)]
+            .into_iter()
+            .enumerate()
+        {
+            let truth = Pose {
+                centre: [88.3 + 0.11 * i as f32, 84.8],
+                turn_rad: 0.9 * i as f32 - 1.0,
+                plate_px,
+                blur_px: 0.7,
+            };
+            let plane = compressed(SIZE, &truth, share, || 0.0);
+            let (sin, cos) = (truth.turn_rad + 0.04).sin_cos();
+            let [width, height] = [share.sqrt(), 1.0 / share.sqrt()].map(|s| 1.03 * s * plate_px);
+            let columns = [[width * cos, width * sin], [-height * sin, height * cos]];
+            let centre = [truth.centre[0] + 0.6, truth.centre[1] - 0.5];
+            let start = PlateMap::affine(centre, columns).expect("not mirrored");
+            let layers = layers(&samples);
+            let found = fit_curved_shape(&plane, SIZE, None, layers, start, &PRIOR, &ANY_ANGLE);
+            let CurvedFit { fit, stretch, .. } = found.expect("a plate that is there");
+            let off =
+                (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+            let turned = (fit.pose.turn_rad - truth.turn_rad).abs();
+            assert!(off < 0.02, "{plate_px}: {off} px");
+            assert!(turned < 0.05 / plate_px, "{plate_px}: {turned} rad");
+            let (sin, cos) = (2.0 * truth.turn_rad).sin_cos();
+            for (found, axis) in stretch.into_iter().zip([cos, sin]) {
+                let expected = 0.5 * share.ln() * axis;
+                assert!(
+                    (found - expected).abs() < 0.005,
+                    "{plate_px}: {found}, not {expected}"
+                );
+            }
+            assert!(fit.r_squared > 0.99, "{plate_px}: {}", fit.r_squared);
+        }
+    }
+
+    #[test]
+    fn an_upright_fit_is_refined_to_the_angle() {
+        let samples = samples();
+        let truth = Pose {
+            centre: [60.2, 55.7],
+            turn_rad: 0.5,
+            plate_px: 30.0,
+            blur_px: 0.7,
+        };
+        let plane = compressed(SIZE, &truth, 0.96, || 0.0);
+        let upright = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &PRIOR)
+            .expect("nearly a square");
+        let off = |pose: &Pose| {
+            (pose.centre[0] - truth.centre[0]).hypot(pose.centre[1] - truth.centre[1])
+        };
+        let layers = layers(&samples);
+        let refined = refine_shape(
+            &plane,
+            SIZE,
+            None,
+            layers,
+            &upright.pose,
+            &PRIOR,
+            &ANY_ANGLE,
+        );
+        let refined = refined.expect("it continues").fit;
+        assert!(off(&refined.pose) < 0.01 && off(&refined.pose) < off(&upright.pose));
+        assert!(refined.residual < upright.residual);
+    }
+
+    #[test]
+    fn errors_at_an_angle_match_the_covariance() {
+        let samples = samples();
+        let mut random = SplitMix64(3);
+        let (mut squares, n) = ([0.0; 3], 200);
+        for i in 0..n {
+            let truth = Pose {
+                centre: [30.0 + random.unit_f32(), 31.0 + random.unit_f32()],
+                turn_rad: i as f32,
+                plate_px: 24.0,
+                blur_px: 0.7,
+            };
+            let size = Size {
+                width: 60,
+                height: 60,
+            };
+            let plane = compressed(size, &truth, 0.8, || 6.0 * random.normal() as f32);
+            let prior = Prior {
+                noise: 6.0,
+                ..PRIOR
+            };
+            let (sin, cos) = truth.turn_rad.sin_cos();
+            let [width, height] = [0.8f32.sqrt(), 1.0 / 0.8f32.sqrt()].map(|s| s * 24.0);
+            let columns = [[width * cos, width * sin], [-height * sin, height * cos]];
+            let start = PlateMap::affine(truth.centre, columns).expect("not mirrored");
+            let layers = layers(&samples);
+            let fit = fit_curved_shape(&plane, size, None, layers, start, &prior, &ANY_ANGLE)
+                .expect("a plate that is there")
+                .fit;
+            let turn = f64::from(fit.pose.turn_rad - truth.turn_rad);
+            let error = [
+                fit.pose.centre[0] - truth.centre[0],
+                fit.pose.centre[1] - truth.centre[1],
+                libm::remainder(turn, core::f64::consts::TAU) as f32,
+            ];
+            for (i, sum) in squares.iter_mut().enumerate() {
+                *sum += error[i] * error[i] / fit.covariance[i][i] / n as f32;
+            }
+        }
+        // The mean square of 200 errors is accurate to 10 %: allow four times that.
+        for square in squares {
+            assert!((0.6..1.4).contains(&square), "{squares:?}");
+        }
+    }
+
     #[test]
     fn errors_match_the_covariance() {
         let samples = samples();

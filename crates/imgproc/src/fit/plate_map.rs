@@ -131,3 +131,78 @@ impl PlateMap {
         [(xx - yy) / 4.0 * ratio, xy / 2.0 * ratio]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pose_and_stretch_of_an_affine_map() {
+        let (turn, plate_px, along) = (0.7f32, 30.0, 0.4f32);
+        // Turned, then longer by exp(0.3) than wide along a direction.
+        let (sin, cos) = (2.0 * along).sin_cos();
+        let stretch = [0.15 * cos, 0.15 * sin];
+        let (cosh, sinh) = (0.15f32.cosh(), 0.15f32.sinh());
+        let of_stretch = [
+            [cosh + sinh * cos, sinh * sin],
+            [sinh * sin, cosh - sinh * cos],
+        ];
+        let column = |[x, y]: [f32; 2]| {
+            [0, 1].map(|i: usize| plate_px * (of_stretch[i][0] * x + of_stretch[i][1] * y))
+        };
+        let (sin, cos) = turn.sin_cos();
+        let columns = [column([cos, sin]), column([-sin, cos])];
+        let map = PlateMap::affine([8.0, 9.0], columns).expect("not mirrored");
+        let pose = map.pose(0.6);
+        assert!((pose.centre[0] - 8.0).hypot(pose.centre[1] - 9.0) < 1e-4);
+        assert!((pose.plate_px - plate_px).abs() < 1e-3);
+        let [x, y] = columns[1];
+        assert!((pose.turn_rad - (-x).atan2(y)).abs() < 1e-5);
+        for (found, expected) in map.stretch().into_iter().zip(stretch) {
+            assert!((found - expected).abs() < 1e-5, "{found}, not {expected}");
+        }
+        assert_eq!(PlateMap::affine([0.0; 2], [columns[1], columns[0]]), None);
+    }
+
+    #[test]
+    fn an_upright_map_is_its_pose() {
+        let pose = Pose {
+            centre: [50.0, 40.0],
+            turn_rad: -2.0,
+            plate_px: 24.0,
+            blur_px: 0.5,
+        };
+        let map = PlateMap::upright(&pose);
+        let found = map.pose(0.5);
+        assert_eq!(found.centre, pose.centre);
+        assert!((found.turn_rad - pose.turn_rad).abs() < 1e-5);
+        assert!(map.stretch().iter().all(|s| s.abs() < 1e-4));
+    }
+
+    #[test]
+    fn the_centre_of_a_curved_map_is_where_the_plate_is_zero() {
+        let mut map = PlateMap::upright(&Pose {
+            centre: [50.0, 40.0],
+            turn_rad: 0.3,
+            plate_px: 40.0,
+            blur_px: 0.5,
+        });
+        map.factors[0] = [0.02, 0.9, 0.1, 0.05, -0.03, 0.02];
+        map.factors[1] = [-0.03, -0.1, 1.1, 0.02, 0.06, -0.04];
+        let at = map.centre();
+        let terms = terms(at[0], at[1]);
+        for factors in &map.factors {
+            assert!(product(factors, &terms).abs() < 1e-6);
+        }
+        const STEP: f32 = 1e-2;
+        for (factors, slopes) in map.factors.iter().zip(map.slopes(at)) {
+            let value = |x: f32, y: f32| product(factors, &super::terms(at[0] + x, at[1] + y));
+            assert!(
+                ((value(STEP, 0.0) - value(-STEP, 0.0)) / (2.0 * STEP) - slopes[0]).abs() < 1e-4
+            );
+            assert!(
+                ((value(0.0, STEP) - value(0.0, -STEP)) / (2.0 * STEP) - slopes[1]).abs() < 1e-4
+            );
+        }
+    }
+}
