@@ -152,7 +152,7 @@ impl Segmenter {
         Self {
             size,
             denoised: Picture::new(size),
-            update: BackgroundUpdate::new(floor),
+            update: BackgroundUpdate::new(floor, rate_hz),
             illumination: Illumination::new(rate_hz),
             ghosts: Ghosts::new(rate_hz),
             textures: TextureJudge::new(size),

@@ -17,9 +17,10 @@ use imgproc::{Bounds, Size};
 use crate::background::illumination::fit;
 use crate::background::model::BackgroundModel;
 use crate::image::frame::Picture;
+use crate::settings::frames_in;
 
-/// Every row is updated once in this many frames.
-const BANDS: usize = 32;
+/// Every row is updated once in this time: 32 frames at 30 frames per second.
+const ROUND_S: f64 = 32.0 / 30.0;
 
 /// An update moves the background towards the frame by 1/`FOLLOW` of the difference.
 const FOLLOW: i32 = 16;
@@ -69,11 +70,13 @@ pub(crate) struct BackgroundUpdate {
     blue_share: Vec<u16>,
     light_scale: Vec<i16>,
     colour_scale: Vec<i16>,
+    /// Rows that are updated in a frame, and the first one of the next frame.
+    band_rows: usize,
     next_row: usize,
 }
 
 impl BackgroundUpdate {
-    pub(crate) fn new(floor: &BackgroundModel) -> Self {
+    pub(crate) fn new(floor: &BackgroundModel, rate_hz: f64) -> Self {
         let size = floor.picture.size;
         let fine = || vec![0u16; size.area()];
         let mut update = Self {
@@ -87,6 +90,7 @@ impl BackgroundUpdate {
             blue_share: fine(),
             light_scale: vec![0; size.area()],
             colour_scale: vec![0; size.area()],
+            band_rows: size.height.div_ceil(frames_in(ROUND_S, rate_hz) as usize),
             next_row: 0,
         };
         update.set(floor);
@@ -197,7 +201,7 @@ impl BackgroundUpdate {
     pub(crate) fn follow(&mut self, frame: &Picture, gains: Gains, covered: &[u8]) {
         let Size { width, height } = self.size;
         let first = self.next_row;
-        let end = (first + height.div_ceil(BANDS)).min(height);
+        let end = (first + self.band_rows).min(height);
         self.next_row = if end == height { 0 } else { end };
         let to_floor = [gains.red, gains.green, gains.blue].map(|gain| 256.0 / gain.max(0.05));
         let planes = [&frame.red, &frame.green, &frame.blue];
@@ -391,4 +395,51 @@ fn smoothed(
 /// A level of 256ths, rounded to whole levels.
 fn rounded(value: u16) -> u8 {
     ((u32::from(value) + 128) >> 8).min(255) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(level: u8) -> Picture {
+        let size = Size {
+            width: 8,
+            height: 480,
+        };
+        let plane = vec![level; size.area()];
+        Picture {
+            size,
+            red: plane.clone(),
+            green: plane.clone(),
+            blue: plane,
+        }
+    }
+
+    #[test]
+    fn a_floor_is_followed_for_as_long_at_every_frame_rate() {
+        let floor = BackgroundModel {
+            noise: vec![8; grey(0).size.area()],
+            picture: grey(100),
+        };
+        let brighter = grey(104);
+        let after = |rate_hz: f64, time_s: f64| {
+            let mut update = BackgroundUpdate::new(&floor, rate_hz);
+            for _ in 0..(rate_hz * time_s).round() as usize {
+                update.follow(&brighter, Gains::NONE, &vec![0; floor.picture.size.area()]);
+            }
+            let sum: f64 = update.channels[0].iter().map(|&c| f64::from(c)).sum();
+            sum / 256.0 / floor.picture.size.area() as f64
+        };
+        for time_s in [3.2, 10.7] {
+            let usual = after(30.0, time_s);
+            assert!(usual > 100.4, "{usual}");
+            for rate_hz in [5.0, 12.0, 60.0] {
+                let other = after(rate_hz, time_s);
+                assert!(
+                    (other - usual).abs() < 0.15,
+                    "{rate_hz}/s: {other}, not {usual}"
+                );
+            }
+        }
+    }
 }
