@@ -26,12 +26,17 @@ use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
 const COLUMNS: usize = 8;
 const ROWS: usize = 6;
 
-/// Variation between plates in one place: robots are not exactly level. Standard deviation.
-const BETWEEN_PLATES: f64 = 0.004;
+/// Standard deviation of the angle between a plate and the floor, radians, and what the stretch of
+/// printed plates varies by.
+const LEVEL_RAD: f64 = 0.0175;
+const PRINTED: f64 = 0.001;
+
+/// Tolerance for robots on ramps and bent plates, when it is decided whether a stretch is possible.
+const TOLERANCE: f32 = 0.01;
 
 /// The readings of a cell do not determine its stretch better than this, because they are mostly of
 /// one plate: standard deviation.
-const CELL_MIN: f64 = 0.002;
+const CELL_MIN: f64 = 0.001;
 
 /// Share of the weight of a reading that is left a frame later.
 const KEPT: f64 = 0.998;
@@ -55,7 +60,7 @@ const ROUNDS: usize = 8;
 
 /// Standard deviation of the curvature besides that of the unknowns, relative to a plate as wide as
 /// the picture.
-const CURVATURE: f64 = 0.03;
+const CURVATURE: f64 = 0.01;
 
 /// The perspective is known with this standard deviation of the stretch.
 const KNOWN: f32 = 0.03;
@@ -117,7 +122,8 @@ impl ExpectedStretch {
     /// deviations of both.
     pub(crate) fn deviation2(&self, stretch: [f32; 2], variance: f32) -> f32 {
         let off = [0, 1].map(|i| stretch[i] - self.stretch[i]);
-        (off[0] * off[0] + off[1] * off[1]) / (self.sigma * self.sigma + variance)
+        let tolerated = TOLERANCE * TOLERANCE;
+        (off[0] * off[0] + off[1] * off[1]) / (self.sigma * self.sigma + variance + tolerated)
     }
 
     /// How plates are seen here.
@@ -209,8 +215,8 @@ impl Perspective {
         let focal = self.unknowns[3].exp();
         let slope_variance = self.covariance[(0, 0)] + self.covariance[(1, 1)];
         let of_square = focal * focal * slope_variance / 4.0;
-        let between = BETWEEN_PLATES * BETWEEN_PLATES;
-        let sigma = (variance + of_square * of_square + self.misfit + between).sqrt() as f32;
+        let between = between_plates(stretch);
+        let sigma = (variance + of_square * of_square + self.misfit + between * between).sqrt();
         let width = self.size.width as f64;
         // The curvature is the slope over the focal length in the middle of the picture, and
         // changes by up to six times the distortion for every width from there.
@@ -220,7 +226,7 @@ impl Perspective {
         let curvature_sigma = (curvature_variance + CURVATURE * CURVATURE).sqrt() / width;
         ExpectedStretch {
             stretch: stretch.map(|s| s as f32),
-            sigma,
+            sigma: sigma as f32,
             curvature: curvature(&self.unknowns, at).map(|row| row.map(|c| (c / width) as f32)),
             curvature_sigma: curvature_sigma as f32,
         }
@@ -238,11 +244,8 @@ impl Perspective {
             let row = (y * ROWS as f64 / self.size.height as f64) as usize;
             let place = self.relative_to_middle(pixel);
             let cell = &mut self.cells[row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)];
-            cell.add(
-                place,
-                stretch,
-                1.0 / (variance + BETWEEN_PLATES * BETWEEN_PLATES),
-            );
+            let between = between_plates(stretch);
+            cell.add(place, stretch, 1.0 / (variance + between * between));
             any = true;
         }
         if any {
@@ -384,6 +387,12 @@ struct Equations {
     right: Vector4<f64>,
     squares: f64,
     misfit: f64,
+}
+
+/// Standard deviation of the stretch between plates in one place. The stretch is a quarter of the
+/// squared angle of view, so that it varies with the root of it.
+fn between_plates([s, t]: [f64; 2]) -> f64 {
+    PRINTED + LEVEL_RAD * s.hypot(t).sqrt()
 }
 
 /// `1 + bend |q|² - m · q`; proportional to the inverse of the distance from the camera.

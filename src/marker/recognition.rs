@@ -298,10 +298,10 @@ impl Family {
                 let fit = fit_shape(grey, size, within, layers, pose, &prior)?;
                 let refined =
                     refine_shape(grey, size, within, layers, &fit.pose, &prior, &expected);
-                let Some(refined) = refined else {
-                    return Some(Fitted { fit, stretch: None });
-                };
-                refined
+                match refined.filter(|refined| refined.fit.r_squared >= ANGLE_R_SQUARED_MIN) {
+                    Some(refined) => refined,
+                    None => return Some(Fitted { fit, stretch: None }),
+                }
             }
         };
         let CurvedFit {

@@ -586,8 +586,13 @@ mod tests {
     #[test]
     fn errors_at_an_angle_match_the_covariance() {
         let samples = samples();
+        // None of these plates is curved: an uncertain curvature would be part of the covariance.
+        let expected_angle = StretchPrior {
+            curvature_sigma: 3e-4,
+            ..ANY_ANGLE
+        };
         let mut random = SplitMix64(3);
-        let (mut squares, n) = ([0.0; 3], 200);
+        let (mut squares, n) = ([0.0; 3], 400);
         for i in 0..n {
             let truth = Pose {
                 centre: [30.0 + random.unit_f32(), 31.0 + random.unit_f32()],
@@ -609,7 +614,7 @@ mod tests {
             let columns = [[width * cos, width * sin], [-height * sin, height * cos]];
             let start = PlateMap::affine(truth.centre, columns).expect("not mirrored");
             let layers = layers(&samples);
-            let fit = fit_curved_shape(&plane, size, None, layers, start, &prior, &ANY_ANGLE)
+            let fit = fit_curved_shape(&plane, size, None, layers, start, &prior, &expected_angle)
                 .expect("a plate that is there")
                 .fit;
             let turn = f64::from(fit.pose.turn_rad - truth.turn_rad);
@@ -622,9 +627,9 @@ mod tests {
                 *sum += error[i] * error[i] / fit.covariance[i][i] / n as f32;
             }
         }
-        // The mean square of 200 errors is accurate to 10 %: allow four times that.
+        // The mean square of 400 errors is accurate to 7 %: allow five times that.
         for square in squares {
-            assert!((0.6..1.4).contains(&square), "{squares:?}");
+            assert!((0.65..1.35).contains(&square), "{squares:?}");
         }
     }
 
