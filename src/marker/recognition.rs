@@ -212,6 +212,8 @@ impl Family {
         match optics.stretch.seen() {
             Seen::FromAbove => upright(),
             Seen::AtAnAngle => at_an_angle().or_else(upright),
+            // A figure without a plate is too little evidence of the angle, too.
+            Seen::Unknown if plate.is_none() => upright(),
             Seen::Unknown => upright().or_else(at_an_angle),
         }
     }
