@@ -309,5 +309,5 @@ fn errors_turn_with_the_marker() {
     // The grid of the pixels is not its own mirror image.
     assert!(along_across < 0.1, "{along_across}");
     assert!(along_heading < 0.2, "{along_heading}");
-    assert!(across_heading > 0.4, "{across_heading}");
+    assert!(across_heading > 0.5, "{across_heading}");
 }

@@ -29,7 +29,7 @@ const ROWS: usize = 6;
 /// Standard deviation of the angle between a plate and the floor, radians, and what the stretch of
 /// printed plates varies by.
 const LEVEL_RAD: f64 = 0.0175;
-const PRINTED: f64 = 0.001;
+const PRINTED: f64 = 0.0003;
 
 /// Tolerance for robots on ramps and bent plates, when it is decided whether a stretch is possible.
 const TOLERANCE: f32 = 0.01;

@@ -90,11 +90,6 @@ const SEEN_SHARE_MIN: f32 = 0.35;
 const PART_R_SQUARED_MIN: f32 = 0.985;
 const PART_RESIDUAL_RATIO: f32 = 0.8;
 
-/// The same for a plate at an angle to a camera whose perspective is unknown: any angle may then
-/// turn one shape into another. Trapezoids had up to 0.989 as triangles, and 0.9 of the residual.
-const ANGLE_R_SQUARED_MIN: f32 = 0.993;
-const ANGLE_RESIDUAL_RATIO: f32 = 0.6;
-
 /// Thresholds for the recognition of markers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecognitionSettings {
@@ -199,22 +194,12 @@ impl Family {
         };
         let at_an_angle = || {
             let starts = self.starts_at_an_angle(figure, optics)?;
-            if optics.stretch.seen() == Seen::AtAnAngle {
-                return self.best_fit(starts, plate, cutout, optics, settings);
-            }
-            let stricter = RecognitionSettings {
-                residual_ratio_max: ANGLE_RESIDUAL_RATIO * settings.residual_ratio_max,
-                ..*settings
-            };
-            self.best_fit(starts, plate, cutout, optics, &stricter)
-                .filter(|read| read.confidence >= ANGLE_R_SQUARED_MIN)
+            self.best_fit(starts, plate, cutout, optics, settings)
         };
         match optics.stretch.seen() {
-            Seen::FromAbove => upright(),
+            // At any angle, too many figures of other things are those of markers.
+            Seen::FromAbove | Seen::Unknown => upright(),
             Seen::AtAnAngle => at_an_angle().or_else(upright),
-            // A figure without a plate is too little evidence of the angle, too.
-            Seen::Unknown if plate.is_none() => upright(),
-            Seen::Unknown => upright().or_else(at_an_angle),
         }
     }
 
@@ -229,46 +214,58 @@ impl Family {
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
         let noise = optics.blur.noise();
-        let mut best: Option<(usize, Fitted)> = None;
+        let mut best: Option<(Start, Option<Within<'_>>, Fitted)> = None;
         let mut rival = f32::INFINITY;
         for start in starts.into_iter().flatten() {
+            let mut within = None;
             let mut fitted = self.fitted(start, None, cutout, optics, settings);
             if !fitted.is_some_and(|fitted| explains(&fitted.fit, noise, settings)) {
                 let paper = plate.and_then(|plate| smaller_paper(plate, plate_px(&start.1)));
                 let part = paper
-                    .and_then(|paper| self.fitted(start, Some(paper), cutout, optics, settings));
-                fitted = part
-                    .filter(|part| shows_enough(&part.fit, noise, settings))
-                    .or(fitted);
+                    .and_then(|paper| self.fitted(start, Some(paper), cutout, optics, settings))
+                    .filter(|part| shows_enough(&part.fit, noise, settings));
+                if part.is_some() {
+                    (within, fitted) = (paper, part);
+                }
             }
             let Some(fitted) = fitted else { continue };
             match &mut best {
-                Some((_, before)) if before.fit.residual <= fitted.fit.residual => {
+                Some((.., before)) if before.fit.residual <= fitted.fit.residual => {
                     rival = rival.min(fitted.fit.residual);
                 }
                 best => {
-                    if let Some((_, before)) = best {
+                    if let Some((.., before)) = best {
                         rival = rival.min(before.fit.residual);
                     }
-                    *best = Some((start.0, fitted));
+                    *best = Some((start, within, fitted));
                 }
             }
         }
-        let (marker, Fitted { fit, stretch }) = best?;
+        let ((marker, _), within, fitted) = best?;
+        if !explains(&fitted.fit, noise, settings) || !clear(&fitted.fit, rival, noise) {
+            return None;
+        }
+        // A camera whose perspective is unknown gets no more freedom for the decision, only for
+        // the pose.
+        let Fitted { fit, stretch } = match optics.stretch.seen() {
+            Seen::Unknown => self
+                .refined(marker, &fitted.fit, within, cutout, optics, settings)
+                .filter(|refined| explains(&refined.fit, noise, settings))
+                .unwrap_or(fitted),
+            Seen::FromAbove | Seen::AtAnAngle => fitted,
+        };
         let size_fits =
             (settings.plate_min_px..=settings.plate_max_px).contains(&fit.pose.plate_px);
-        (size_fits && explains(&fit, noise, settings) && clear(&fit, rival, noise)).then(|| {
-            Recognised {
-                marker,
-                centre: fit.pose.centre,
-                // The drawing points up, against the y axis.
-                heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
-                plate_px: fit.pose.plate_px,
-                confidence: fit.r_squared,
-                covariance: fit.covariance,
-                blur: optics.blur.blur_of(&fit),
-                stretch,
-            }
+        size_fits.then(|| Recognised {
+            marker,
+            centre: fit.pose.centre,
+            // The drawing points up, against the y axis.
+            heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
+            plate_px: fit.pose.plate_px,
+            confidence: fit.r_squared,
+            covariance: fit.covariance,
+            blur: optics.blur.blur_of(&fit),
+            stretch,
         })
     }
 
@@ -289,39 +286,39 @@ impl Family {
         let expected = optics
             .stretch
             .prior(optics.blur.blur_px(), plate_px(&placed));
-        let fit_curved = |map| fit_curved_shape(grey, size, within, layers, map, &prior, &expected);
-        let curved = match placed {
-            Placed::AtAnAngle(map) => fit_curved(map)?,
+        let map = match placed {
+            Placed::AtAnAngle(map) => map,
             Placed::Upright(pose) if optics.stretch.seen() != Seen::Unknown => {
-                fit_curved(PlateMap::upright(&pose))?
+                PlateMap::upright(&pose)
             }
-            // From a start that may be stretched in any direction, four numbers converge better.
             Placed::Upright(pose) => {
                 let fit = fit_shape(grey, size, within, layers, pose, &prior)?;
-                let refined =
-                    refine_shape(grey, size, within, layers, &fit.pose, &prior, &expected);
-                match refined.filter(|refined| refined.fit.r_squared >= ANGLE_R_SQUARED_MIN) {
-                    Some(refined) => refined,
-                    None => return Some(Fitted { fit, stretch: None }),
-                }
+                return Some(Fitted { fit, stretch: None });
             }
         };
-        let CurvedFit {
-            fit,
-            stretch,
-            stretch_variance,
-        } = curved;
-        let stretch = optics.stretch.reading(stretch, stretch_variance);
-        let is_likely = |reading: &StretchReading| {
-            let deviation2 = optics
-                .stretch
-                .deviation2(reading.stretch(), reading.variance());
-            deviation2 <= DEVIATION_MAX * DEVIATION_MAX
-        };
-        stretch
-            .as_ref()
-            .is_none_or(is_likely)
-            .then_some(Fitted { fit, stretch })
+        fit_curved_shape(grey, size, within, layers, map, &prior, &expected)
+            .and_then(|curved| likely(curved, optics))
+    }
+
+    /// Continues an upright fit with any stretch.
+    fn refined(
+        &self,
+        marker: usize,
+        upright: &Fit,
+        within: Option<Within<'_>>,
+        cutout: Cutout<'_>,
+        optics: &Optics,
+        settings: &RecognitionSettings,
+    ) -> Option<Fitted> {
+        let layers = self.markers[marker].template.layers();
+        let Cutout { grey, size, .. } = cutout;
+        let pose = &upright.pose;
+        let prior = optics
+            .blur
+            .prior(PLATE_LN_SIGMA, settings.residual_ratio_max);
+        let expected = optics.stretch.prior(optics.blur.blur_px(), pose.plate_px);
+        refine_shape(grey, size, within, layers, pose, &prior, &expected)
+            .and_then(|curved| likely(curved, optics))
     }
 
     /// Initial poses of the markers whose contours, seen at any angle, are nearest to that of a
@@ -472,6 +469,26 @@ fn plate_px(placed: &Placed) -> f32 {
         Placed::Upright(pose) => pose.plate_px,
         Placed::AtAnAngle(map) => map.unit_px,
     }
+}
+
+/// A fit, if its stretch is possible for this camera.
+fn likely(curved: CurvedFit, optics: &Optics) -> Option<Fitted> {
+    let CurvedFit {
+        fit,
+        stretch,
+        stretch_variance,
+    } = curved;
+    let stretch = optics.stretch.reading(stretch, stretch_variance);
+    let is_likely = |reading: &StretchReading| {
+        let deviation2 = optics
+            .stretch
+            .deviation2(reading.stretch(), reading.variance());
+        deviation2 <= DEVIATION_MAX * DEVIATION_MAX
+    };
+    stretch
+        .as_ref()
+        .is_none_or(is_likely)
+        .then_some(Fitted { fit, stretch })
 }
 
 /// The map of a plate whose figure is an affine picture of that of the reference. `None` if it
