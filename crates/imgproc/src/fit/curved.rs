@@ -48,12 +48,9 @@ pub(super) struct Curved {
 
 impl Curved {
     pub(super) fn new(mut map: PlateMap, blur_px: f32, expected: StretchPrior) -> Self {
-        for factors in &mut map.factors {
-            let [_, of_x, of_y, ..] = *factors;
-            for i in 0..3 {
-                let moved = of_x * expected.curvature[0][i] + of_y * expected.curvature[1][i];
-                factors[3 + i] = moved * map.unit_px;
-            }
+        let curvature = expected_curvature(&map, &expected);
+        for (factors, expected) in map.factors.iter_mut().zip(curvature) {
+            factors[3..].copy_from_slice(&expected);
         }
         Self {
             light: Light::default(),
@@ -62,6 +59,16 @@ impl Curved {
             expected,
         }
     }
+}
+
+/// The factors of second degree that are expected of a map with these slopes.
+fn expected_curvature(map: &PlateMap, expected: &StretchPrior) -> [[f32; 3]; 2] {
+    map.factors.map(|[_, of_x, of_y, ..]| {
+        [0, 1, 2].map(|i: usize| {
+            let moved = of_x * expected.curvature[0][i] + of_y * expected.curvature[1][i];
+            moved * map.unit_px
+        })
+    })
 }
 
 /// How the two numbers of the stretch depend on the unknowns. To first order in the stretch.
@@ -215,8 +222,8 @@ impl Model<UNKNOWNS> for Curved {
             blur_px,
             stretch: expected,
             sigma,
-            curvature,
             curvature_sigma,
+            ..
         } = self.expected;
         let off = libm::logf(self.blur_px / blur_px);
         normal.expect(BLUR, off, weight(prior.blur_ln_sigma));
@@ -224,12 +231,11 @@ impl Model<UNKNOWNS> for Curved {
         for ((factors, now), expected) in factors.iter().zip(self.map.stretch()).zip(expected) {
             normal.expect_combination(factors, now - expected, weight(sigma));
         }
-        for (first, factors) in FACTORS.into_iter().zip(&self.map.factors) {
-            let [_, of_x, of_y, ..] = *factors;
-            for (i, now) in factors[3..].iter().enumerate() {
-                let moved = of_x * curvature[0][i] + of_y * curvature[1][i];
-                let off = now - moved * self.map.unit_px;
-                normal.expect(first + 3 + i, off, weight(curvature_sigma));
+        let expected = expected_curvature(&self.map, &self.expected);
+        for ((first, factors), expected) in FACTORS.into_iter().zip(&self.map.factors).zip(expected)
+        {
+            for (i, (now, expected)) in factors[3..].iter().zip(expected).enumerate() {
+                normal.expect(first + 3 + i, now - expected, weight(curvature_sigma));
             }
         }
     }

@@ -74,20 +74,7 @@ impl Blend<'_> {
     /// the interpolation.
     #[inline(always)]
     pub(super) fn coverage(&self, u: f32, v: f32) -> Option<[f32; 4]> {
-        let (x, y) = (
-            u * self.per_plate + self.middle,
-            v * self.per_plate + self.middle,
-        );
-        // The cast rounds towards zero, so points left of the first column must be rejected before.
-        if !(x >= 0.0 && y >= 0.0) {
-            return None;
-        }
-        let (column, row) = (x as u32 as usize, y as u32 as usize);
-        if column + 1 >= self.side || row + 1 >= self.side {
-            return None;
-        }
-        let (x, y) = (x - column as u32 as f32, y - row as u32 as f32);
-        let first = row * self.side + column;
+        let (first, x, y) = self.cell(u, v)?;
         let taps = |layer: &[f32]| {
             let [above, below] = [first, first + self.side].map(|i| &layer[i..i + 2]);
             [above[0], above[1], below[0], below[1]]
@@ -118,13 +105,15 @@ impl Blend<'_> {
         all().map_or([0.0; 3], |bends| bends.map(|b| b / (apart * apart)))
     }
 
-    /// Coverage at a point of the plate; `None` outside the grid.
+    /// Index of the sample above and to the left of a point of the plate, and how far the point is
+    /// from it, 0 to 1. `None` outside the grid.
     #[inline(always)]
-    fn value(&self, u: f32, v: f32) -> Option<f32> {
+    fn cell(&self, u: f32, v: f32) -> Option<(usize, f32, f32)> {
         let (x, y) = (
             u * self.per_plate + self.middle,
             v * self.per_plate + self.middle,
         );
+        // The cast rounds towards zero, so points left of the first column must be rejected before.
         if !(x >= 0.0 && y >= 0.0) {
             return None;
         }
@@ -132,8 +121,14 @@ impl Blend<'_> {
         if column + 1 >= self.side || row + 1 >= self.side {
             return None;
         }
-        let (x, y) = (x - column as u32 as f32, y - row as u32 as f32);
         let first = row * self.side + column;
+        Some((first, x - column as u32 as f32, y - row as u32 as f32))
+    }
+
+    /// Coverage at a point of the plate; `None` outside the grid.
+    #[inline(always)]
+    fn value(&self, u: f32, v: f32) -> Option<f32> {
+        let (first, x, y) = self.cell(u, v)?;
         let of = |layer: &[f32]| {
             let (a, b) = (layer[first], layer[first + 1]);
             let (c, d) = (layer[first + self.side], layer[first + self.side + 1]);
