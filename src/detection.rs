@@ -13,7 +13,7 @@ use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::optics::{BlurEstimate, Optics};
-use crate::marker::perspective::Perspective;
+use crate::marker::perspective::{Perspective, Vote};
 use crate::marker::search::{SearchScratch, find_figures};
 use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::segmentation::SeenPlate;
@@ -110,6 +110,7 @@ pub(crate) struct Detector {
     search: SearchScratch,
     blur: BlurEstimate,
     perspective: Perspective,
+    votes: Vec<Vote>,
     detections: Vec<Detection>,
     /// One for each detection.
     shapes: Vec<ShapeOf>,
@@ -127,6 +128,7 @@ impl Detector {
             search: SearchScratch::new(size),
             blur: BlurEstimate::new(),
             perspective: Perspective::new(size),
+            votes: Vec::with_capacity(MAX_DETECTIONS),
             detections: Vec::with_capacity(MAX_DETECTIONS),
             shapes: Vec::with_capacity(MAX_DETECTIONS),
         }
@@ -194,6 +196,7 @@ impl Detector {
             Some((d.centre, stretch))
         });
         self.perspective.learn(places);
+        self.perspective.vote(self.votes.drain(..));
     }
 
     /// Searches part of the picture for markers without the background, and adds those that no
@@ -213,7 +216,7 @@ impl Detector {
         let cutout = Cutout { size, grey, mask };
         let corner = [f64::from(bounds.left), f64::from(bounds.top)];
         let (blur, perspective) = (self.blur, &self.perspective);
-        let detections = &mut self.detections;
+        let (detections, votes) = (&mut self.detections, &mut self.votes);
         let mut lost = 0;
         let at_middle = recognition([
             corner[0] + size.width as f64 / 2.0,
@@ -245,7 +248,8 @@ impl Detector {
                     contrast_min: SEARCHED_CONTRAST_MIN,
                     ..settings
                 };
-                if let Some(marker) = family.recognise_figure(&figure, cutout, &optics, &stricter) {
+                let read = family.recognise_figure(&figure, cutout, &optics, &stricter);
+                if let Some(marker) = read.filter(|read| is_reading(read, corner, votes)) {
                     let outline = Outline::square(
                         [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
                         f64::from(marker.plate_px),
@@ -416,14 +420,15 @@ impl Detector {
         let cutout = Cutout { size, grey, mask };
         let mut lost = 0;
         find_plates(cutout, &mut self.cutout, |plate| {
-            let Some(marker) = family.recognise(&plate, cutout, &optics, settings) else {
+            let corner = [f64::from(around.left), f64::from(around.top)];
+            let read = family.recognise(&plate, cutout, &optics, settings);
+            let Some(marker) = read.filter(|read| is_reading(read, corner, &mut self.votes)) else {
                 return false;
             };
             if self.detections.len() == MAX_DETECTIONS {
                 lost += 1;
                 return true;
             }
-            let corner = [f64::from(around.left), f64::from(around.top)];
             self.detections.push(marked(marker, corner, outline));
             true
         });
@@ -440,6 +445,21 @@ fn marked(marker: Recognised, corner: [f64; 2], outline: Outline) -> Detection {
         size_px: f64::from(marker.plate_px),
         outline,
     }
+}
+
+/// Whether a marker is certain. If not, it is a vote for the perspective of the camera.
+fn is_reading(marker: &Recognised, corner: [f64; 2], votes: &mut Vec<Vote>) -> bool {
+    if let Some(reading) = marker.stretch.filter(|_| !marker.is_certain)
+        && votes.len() < MAX_DETECTIONS
+    {
+        votes.push(Vote {
+            pixel: [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
+            marker: marker.marker,
+            heading_rad: marker.heading_rad,
+            reading,
+        });
+    }
+    marker.is_certain
 }
 
 /// Adds a marker without a shape. An obstacle around it that is not much larger than its plate is

@@ -55,6 +55,23 @@ const STARTS: [[f64; 2]; 5] = [[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], 
 const FIRST_FRAMES: u32 = 30;
 const EVERY_FRAMES: u32 = 64;
 
+/// Number of votes that are kept, and the number that must agree before a camera of unknown
+/// perspective has one. Four unknowns that fit five votes by chance fit six numbers by chance.
+const VOTES: usize = 16;
+const VOTES_MIN: usize = 5;
+
+/// Votes that do not agree may be this share of all, one in so many.
+const STRAY_VOTES: usize = 4;
+
+/// A vote agrees with a perspective within this many standard deviations of both, one of them being
+/// what a coarse model may be off.
+const VOTE_DEVIATIONS: f64 = 3.0;
+const VOTE_SIGMA: f64 = 0.005;
+
+/// Two votes of a marker are independent if its heading differs by this much: a wrong shape turns
+/// with its stretch, a plate does not.
+const VOTE_TURN_RAD: f32 = 0.5;
+
 /// Rounds of a fit.
 const ROUNDS: usize = 8;
 
@@ -167,10 +184,31 @@ impl StretchReading {
     }
 }
 
+/// A marker that may have been seen at an angle by a camera of unknown perspective. It is no
+/// reading; enough of them that agree are a perspective.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Vote {
+    pub(crate) pixel: [f64; 2],
+    /// Index in the family.
+    pub(crate) marker: usize,
+    pub(crate) heading_rad: f32,
+    pub(crate) reading: StretchReading,
+}
+
+impl Vote {
+    /// Whether it says nothing that another vote does not say.
+    fn repeats(&self, other: &Self) -> bool {
+        let turn = fourier::wrapped(self.heading_rad - other.heading_rad).abs();
+        self.marker == other.marker && turn < VOTE_TURN_RAD
+    }
+}
+
 /// Estimate for a camera.
 #[derive(Debug, Clone)]
 pub(crate) struct Perspective {
     size: Size,
+    votes: [Option<Vote>; VOTES],
+    next_vote: usize,
     cells: [Cell; COLUMNS * ROWS],
     /// Slope of the floor over the focal length, distortion, logarithm of the focal length.
     unknowns: Vector4<f64>,
@@ -193,6 +231,8 @@ impl Perspective {
     pub(crate) fn new(size: Size) -> Self {
         Self {
             size,
+            votes: [None; VOTES],
+            next_vote: 0,
             cells: [Cell::default(); COLUMNS * ROWS],
             unknowns: START,
             covariance: Matrix4::from_diagonal(&SIGMA.component_mul(&SIGMA)),
@@ -238,19 +278,71 @@ impl Perspective {
             cell.keep(KEPT);
         }
         let mut any = false;
-        for (pixel, StretchReading { stretch, variance }) in readings {
-            let [x, y] = pixel;
-            let column = (x * COLUMNS as f64 / self.size.width as f64) as usize;
-            let row = (y * ROWS as f64 / self.size.height as f64) as usize;
-            let place = self.relative_to_middle(pixel);
-            let cell = &mut self.cells[row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)];
-            let between = between_plates(stretch);
-            cell.add(place, stretch, 1.0 / (variance + between * between));
+        for (pixel, reading) in readings {
+            self.add(pixel, reading);
             any = true;
         }
         if any {
             self.fit();
         }
+    }
+
+    /// Adopts a perspective if enough votes agree on it.
+    pub(crate) fn vote(&mut self, votes: impl Iterator<Item = Vote>) {
+        let mut any = false;
+        for vote in votes {
+            let repeated = |kept: &Option<Vote>| kept.is_some_and(|kept| vote.repeats(&kept));
+            let place = self.votes.iter().position(repeated).unwrap_or_else(|| {
+                self.next_vote = (self.next_vote + 1) % VOTES;
+                self.next_vote
+            });
+            self.votes[place] = Some(vote);
+            any = true;
+        }
+        let mut kept = self.votes;
+        let count = |votes: &[Option<Vote>; VOTES]| votes.iter().flatten().count();
+        let n = count(&kept);
+        if !any || n < VOTES_MIN {
+            return;
+        }
+        for _ in 0..=n / STRAY_VOTES {
+            let mut trial = Self::new(self.size);
+            for vote in kept.iter().flatten() {
+                trial.add(vote.pixel, vote.reading);
+            }
+            trial.fit();
+            let deviation = |vote: &Option<Vote>| vote.map_or(0.0, |vote| trial.deviation(&vote));
+            let deviations = kept.each_ref().map(deviation);
+            let worst = (0..VOTES).max_by(|&a, &b| deviations[a].total_cmp(&deviations[b]));
+            let Some(worst) = worst.filter(|&worst| deviations[worst] > VOTE_DEVIATIONS) else {
+                *self = trial;
+                return;
+            };
+            kept[worst] = None;
+            if count(&kept) < VOTES_MIN {
+                return;
+            }
+        }
+    }
+
+    /// How far a vote is from this perspective, in standard deviations of both.
+    fn deviation(&self, vote: &Vote) -> f64 {
+        let StretchReading { stretch, variance } = vote.reading;
+        let (expected, _) = stretch_and_slopes(&self.unknowns, self.relative_to_middle(vote.pixel));
+        let off = [0, 1].map(|i: usize| stretch[i] - expected[i]);
+        let between = between_plates(expected);
+        let variance = variance + between * between + VOTE_SIGMA * VOTE_SIGMA;
+        off[0].hypot(off[1]) / variance.sqrt()
+    }
+
+    fn add(&mut self, pixel: [f64; 2], StretchReading { stretch, variance }: StretchReading) {
+        let [x, y] = pixel;
+        let column = (x * COLUMNS as f64 / self.size.width as f64) as usize;
+        let row = (y * ROWS as f64 / self.size.height as f64) as usize;
+        let place = self.relative_to_middle(pixel);
+        let cell = &mut self.cells[row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)];
+        let between = between_plates(stretch);
+        cell.add(place, stretch, 1.0 / (variance + between * between));
     }
 
     fn relative_to_middle(&self, [x, y]: [f64; 2]) -> [f64; 2] {
@@ -588,5 +680,58 @@ mod tests {
         }
         assert_eq!(perspective.at([320.0, 240.0]).seen(), Seen::AtAnAngle);
         assert_eq!(ExpectedStretch::unknown().seen(), Seen::Unknown);
+    }
+
+    fn votes_of(stretch_at: impl Fn(usize, [f64; 2]) -> [f64; 2], n: usize) -> Vec<Vote> {
+        let vote = |i: usize| {
+            let pixel = [(97 * i % 600) as f64 + 20.0, (61 * i % 440) as f64 + 20.0];
+            Vote {
+                pixel,
+                marker: i % 2,
+                heading_rad: 0.4 * i as f32,
+                reading: StretchReading {
+                    stretch: stretch_at(i, pixel),
+                    variance: 4e-6,
+                },
+            }
+        };
+        (0..n).map(vote).collect()
+    }
+
+    #[test]
+    fn five_votes_that_agree_are_a_perspective() {
+        let truth = Vector4::new(0.2, -0.5, 0.0, 0.0);
+        let place = Perspective::new(SIZE);
+        let of = |_: usize, pixel: [f64; 2]| stretch(&truth, place.relative_to_middle(pixel));
+        let mut perspective = Perspective::new(SIZE);
+        perspective.vote(votes_of(of, 4).into_iter());
+        assert_eq!(perspective.at([320.0, 240.0]).seen(), Seen::Unknown);
+        perspective.vote(votes_of(of, 5).into_iter());
+        assert_eq!(perspective.at([320.0, 240.0]).seen(), Seen::AtAnAngle);
+        let expected = perspective.at([500.0, 100.0]).stretch;
+        let truth = of(0, [500.0, 100.0]);
+        for (found, truth) in expected.into_iter().zip(truth) {
+            assert!(
+                (f64::from(found) - truth).abs() < 0.02,
+                "{found}, not {truth}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_shape_that_turns_with_its_stretch_is_no_perspective() {
+        let mut perspective = Perspective::new(SIZE);
+        // The same again and again counts once.
+        let same = votes_of(|_, _| [0.2, 0.1], 1);
+        for _ in 0..20 {
+            perspective.vote(same.iter().copied());
+        }
+        assert_eq!(perspective.at([320.0, 240.0]).seen(), Seen::Unknown);
+        let turning = |i: usize, _: [f64; 2]| {
+            let (sin, cos) = (0.8 * i as f64).sin_cos();
+            [0.2 * cos, 0.2 * sin]
+        };
+        perspective.vote(votes_of(turning, 30).into_iter());
+        assert_eq!(perspective.at([320.0, 240.0]).seen(), Seen::Unknown);
     }
 }

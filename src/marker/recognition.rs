@@ -7,7 +7,8 @@ use fourier::descriptor::{Descriptor, describe};
 use fourier::matching::{compare_both_ways, min_distance};
 use fourier::wrapped;
 use imgproc::fit::{
-    CurvedFit, Fit, PlateMap, Pose, Within, fit_curved_shape, fit_shape, refine_shape,
+    CurvedFit, Fit, PlateMap, Pose, Prior, StretchPrior, Within, fit_curved_shape, fit_shape,
+    refine_shape,
 };
 
 use crate::marker::Family;
@@ -118,6 +119,9 @@ pub struct Recognised {
     pub confidence: f32,
     /// Covariance of x, y (pixels) and heading (radians).
     pub covariance: [[f32; 3]; 3],
+    /// Whether it is a reading. A plate at an angle to a camera of unknown perspective is none, only
+    /// a vote for a perspective.
+    pub(crate) is_certain: bool,
     /// Logarithm of the camera's blur and its variance, if the marker shows it.
     pub(crate) blur: Option<(f32, f32)>,
     /// How the camera stretches the plate, if the marker shows it.
@@ -197,8 +201,14 @@ impl Family {
             self.best_fit(starts, plate, cutout, optics, settings)
         };
         match optics.stretch.seen() {
+            Seen::FromAbove => upright(),
             // At any angle, too many figures of other things are those of markers.
-            Seen::FromAbove | Seen::Unknown => upright(),
+            Seen::Unknown => upright().or_else(|| {
+                at_an_angle().map(|read| Recognised {
+                    is_certain: false,
+                    ..read
+                })
+            }),
             Seen::AtAnAngle => at_an_angle().or_else(upright),
         }
     }
@@ -241,18 +251,18 @@ impl Family {
                 }
             }
         }
-        let ((marker, _), within, fitted) = best?;
+        let ((marker, placed), within, fitted) = best?;
         if !explains(&fitted.fit, noise, settings) || !clear(&fitted.fit, rival, noise) {
             return None;
         }
         // A camera whose perspective is unknown gets no more freedom for the decision, only for
         // the pose.
-        let Fitted { fit, stretch } = match optics.stretch.seen() {
-            Seen::Unknown => self
+        let Fitted { fit, stretch } = match (optics.stretch.seen(), placed) {
+            (Seen::Unknown, Placed::Upright(_)) => self
                 .refined(marker, &fitted.fit, within, cutout, optics, settings)
                 .filter(|refined| explains(&refined.fit, noise, settings))
                 .unwrap_or(fitted),
-            Seen::FromAbove | Seen::AtAnAngle => fitted,
+            _ => fitted,
         };
         let size_fits =
             (settings.plate_min_px..=settings.plate_max_px).contains(&fit.pose.plate_px);
@@ -264,6 +274,7 @@ impl Family {
             plate_px: fit.pose.plate_px,
             confidence: fit.r_squared,
             covariance: fit.covariance,
+            is_certain: true,
             blur: optics.blur.blur_of(&fit),
             stretch,
         })
@@ -280,12 +291,7 @@ impl Family {
     ) -> Option<Fitted> {
         let layers = self.markers[marker].template.layers();
         let Cutout { grey, size, .. } = cutout;
-        let prior = optics
-            .blur
-            .prior(PLATE_LN_SIGMA, settings.residual_ratio_max);
-        let expected = optics
-            .stretch
-            .prior(optics.blur.blur_px(), plate_px(&placed));
+        let (prior, expected) = priors(optics, settings, plate_px(&placed));
         let map = match placed {
             Placed::AtAnAngle(map) => map,
             Placed::Upright(pose) if optics.stretch.seen() != Seen::Unknown => {
@@ -313,10 +319,7 @@ impl Family {
         let layers = self.markers[marker].template.layers();
         let Cutout { grey, size, .. } = cutout;
         let pose = &upright.pose;
-        let prior = optics
-            .blur
-            .prior(PLATE_LN_SIGMA, settings.residual_ratio_max);
-        let expected = optics.stretch.prior(optics.blur.blur_px(), pose.plate_px);
+        let (prior, expected) = priors(optics, settings, pose.plate_px);
         refine_shape(grey, size, within, layers, pose, &prior, &expected)
             .and_then(|curved| likely(curved, optics))
     }
@@ -469,6 +472,15 @@ fn plate_px(placed: &Placed) -> f32 {
         Placed::Upright(pose) => pose.plate_px,
         Placed::AtAnAngle(map) => map.unit_px,
     }
+}
+
+/// What a fit of a plate starts from.
+fn priors(optics: &Optics, settings: &RecognitionSettings, plate_px: f32) -> (Prior, StretchPrior) {
+    let blur = &optics.blur;
+    (
+        blur.prior(PLATE_LN_SIGMA, settings.residual_ratio_max),
+        optics.stretch.prior(blur.blur_px(), plate_px),
+    )
 }
 
 /// A fit, if its stretch is possible for this camera.

@@ -171,7 +171,9 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
         };
         let (mut right, mut wrong) = (false, false);
         find_plates(cutout, &mut scratch, |plate| {
-            let read = family.recognise(&plate, cutout, &optics, &settings);
+            let read = family
+                .recognise(&plate, cutout, &optics, &settings)
+                .filter(|read| read.is_certain);
             if let Some(read) = read {
                 let heading = place.turn_rad - std::f32::consts::FRAC_PI_2;
                 let turned = fourier::wrapped(read.heading_rad - heading).abs();

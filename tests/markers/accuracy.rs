@@ -155,7 +155,13 @@ pub(crate) fn measure(
         ],
     };
     let mut score = Score::default();
-    for sequence in 0..learn + frames {
+    // The perspective of a camera is learned from the first plates that are read.
+    let warm_up = if conditions.viewpoint == Viewpoint::ABOVE {
+        0
+    } else {
+        WARM_UP
+    };
+    for sequence in 0..learn + warm_up + frames {
         let mut plates = Vec::new();
         let mut truth = Vec::new();
         for cell in (0..(columns * rows).min(MAX_OBJECTS)).filter(|_| sequence >= learn) {
@@ -199,7 +205,7 @@ pub(crate) fn measure(
         slot.frame.stamp_ns = sequence * 1_000_000_000 / RATE_HZ;
         let outcome = pipeline.process(&mut slot).expect("a drawn frame decodes");
         slot.background = None;
-        if outcome == Outcome::Scene {
+        if outcome == Outcome::Scene && sequence >= learn + warm_up {
             for (plate, name) in plates.iter().zip(&truth) {
                 judge(&slot.scene, plate, *name, &conditions, &mut score);
             }
@@ -254,6 +260,9 @@ fn judge(
     score.inside_ellipse += u32::from(distance <= 5.991);
     score.inside_heading += u32::from(error * error <= 3.841 * h);
 }
+
+/// Frames that a camera at an angle may take until its perspective is known.
+const WARM_UP: u64 = 3;
 
 pub(crate) const USUAL: Conditions = Conditions {
     plate_px: 24.0,
