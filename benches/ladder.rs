@@ -35,6 +35,8 @@ const PRIOR: Prior = Prior {
     noise: 1.0,
     blur_ln_sigma: 0.2,
     plate_ln_sigma: 0.1,
+    tone: 1.0,
+    tone_sigma: 0.05,
     residual_ratio_max: 0.04,
 };
 

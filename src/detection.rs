@@ -12,7 +12,7 @@ use crate::geometry::outline::{Outline, simplified};
 use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
-use crate::marker::optics::{BlurEstimate, Optics};
+use crate::marker::optics::{Imaging, Optics};
 use crate::marker::perspective::{Perspective, Vote};
 use crate::marker::search::{SearchScratch, find_figures};
 use crate::marker::{Family, Recognised, RecognitionSettings};
@@ -108,7 +108,7 @@ pub(crate) struct Detector {
     grey: Vec<u8>,
     cutout: CutoutScratch,
     search: SearchScratch,
-    blur: BlurEstimate,
+    imaging: Imaging,
     perspective: Perspective,
     votes: Vec<Vote>,
     detections: Vec<Detection>,
@@ -126,7 +126,7 @@ impl Detector {
             grey: vec![0; size.area()],
             cutout: CutoutScratch::new(size),
             search: SearchScratch::new(size),
-            blur: BlurEstimate::new(),
+            imaging: Imaging::new(),
             perspective: Perspective::new(size),
             votes: Vec::with_capacity(MAX_DETECTIONS),
             detections: Vec::with_capacity(MAX_DETECTIONS),
@@ -136,7 +136,7 @@ impl Detector {
 
     /// Resets the estimated optics of the camera: a new background may mean a new camera.
     pub(crate) fn forget_optics(&mut self) {
-        self.blur = BlurEstimate::new();
+        self.imaging = Imaging::new();
         self.perspective = Perspective::new(self.size);
     }
 
@@ -153,7 +153,7 @@ impl Detector {
     ) -> u32 {
         self.detections.clear();
         self.shapes.clear();
-        self.blur.noise = noise;
+        self.imaging.noise = noise;
         let mut overflow = shapes.overflow();
         for (number, shape) in shapes.iter().enumerate() {
             overflow += if self.detections.len() < MAX_DETECTIONS {
@@ -190,7 +190,7 @@ impl Detector {
     /// Ends a frame: updates the optics of the camera from its markers.
     pub(crate) fn end_frame(&mut self) {
         let read = self.detections.iter().filter_map(|d| d.marker);
-        self.blur.learn(read.filter_map(|marker| marker.blur));
+        self.imaging.learn(read.filter_map(|marker| marker.imaging));
         let places = self.detections.iter().filter_map(|d| {
             let stretch = d.marker?.stretch?;
             Some((d.centre, stretch))
@@ -215,7 +215,7 @@ impl Detector {
         mask.fill(1);
         let cutout = Cutout { size, grey, mask };
         let corner = [f64::from(bounds.left), f64::from(bounds.top)];
-        let (blur, perspective) = (self.blur, &self.perspective);
+        let (imaging, perspective) = (self.imaging, &self.perspective);
         let (detections, votes) = (&mut self.detections, &mut self.votes);
         let mut lost = 0;
         let at_middle = recognition([
@@ -226,7 +226,8 @@ impl Detector {
         find_figures(
             grey,
             size,
-            blur.noise,
+            imaging.noise,
+            &imaging.tone(),
             extent_px,
             &mut self.search,
             |figure| {
@@ -239,7 +240,7 @@ impl Detector {
                 }
                 let settings = recognition(centre);
                 let optics = Optics {
-                    blur,
+                    imaging,
                     stretch: perspective.at(centre),
                 };
                 let stricter = RecognitionSettings {
@@ -399,13 +400,13 @@ impl Detector {
             Part::Around => mask.fill(1),
         }
         let grey = &mut self.grey[..size.area()];
-        let blur = match attempt.channel {
+        let imaging = match attempt.channel {
             Channel::Intensity => {
                 intensity(picture, around, grey);
-                self.blur
+                self.imaging
             }
             Channel::Colour => match project(picture, around, mask, grey) {
-                Some(gain) => self.blur.of_colour(gain),
+                Some(gain) => self.imaging.of_colour(gain),
                 None => return 0,
             },
         };
@@ -414,12 +415,12 @@ impl Detector {
             f64::from(around.top) + size.height as f64 / 2.0,
         ];
         let optics = Optics {
-            blur,
+            imaging,
             stretch: self.perspective.at(middle),
         };
         let cutout = Cutout { size, grey, mask };
         let mut lost = 0;
-        find_plates(cutout, &mut self.cutout, |plate| {
+        find_plates(cutout, &imaging.tone(), &mut self.cutout, |plate| {
             let corner = [f64::from(around.left), f64::from(around.top)];
             let read = family.recognise(&plate, cutout, &optics, settings);
             let Some(marker) = read.filter(|read| is_reading(read, corner, &mut self.votes)) else {

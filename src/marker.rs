@@ -306,7 +306,7 @@ pub fn built_in_files() -> Vec<MarkerFile> {
 mod tests {
     use super::*;
     use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
-    use crate::marker::optics::{BlurEstimate, Optics};
+    use crate::marker::optics::{Imaging, Optics};
     use crate::marker::perspective::ExpectedStretch;
     use crate::marker::reference::{Placement, render};
     use fourier::wrapped;
@@ -321,10 +321,10 @@ mod tests {
     };
 
     fn optics(noise: f32) -> Optics {
-        let mut blur = BlurEstimate::new();
-        blur.noise = noise;
+        let mut imaging = Imaging::new();
+        imaging.noise = noise;
         Optics {
-            blur,
+            imaging,
             stretch: ExpectedStretch::unknown(),
         }
     }
@@ -373,13 +373,18 @@ mod tests {
                     mask: &vec![1; size.area()],
                 };
                 let mut found = Vec::new();
-                find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-                    let read = family
-                        .recognise(&plate, cutout, &optics(0.0), &SETTINGS)
-                        .filter(|read| read.is_certain);
-                    found.extend(read);
-                    read.is_some()
-                });
+                find_plates(
+                    cutout,
+                    &optics(0.0).imaging.tone(),
+                    &mut CutoutScratch::new(size),
+                    |plate| {
+                        let read = family
+                            .recognise(&plate, cutout, &optics(0.0), &SETTINGS)
+                            .filter(|read| read.is_certain);
+                        found.extend(read);
+                        read.is_some()
+                    },
+                );
                 let [pose] = found[..] else {
                     panic!("{name} at {turn}: {found:?}")
                 };
@@ -452,19 +457,24 @@ mod tests {
                     };
                     shown += 1;
                     let optics = optics(6.0);
-                    find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-                        let seen = family.recognise(&plate, cutout, &optics, &SETTINGS);
-                        let Some(pose) = seen.filter(|read| read.is_certain) else {
-                            return false;
-                        };
-                        assert_eq!(
-                            pose.marker, index,
-                            "{} is taken for {}",
-                            drawing.name, family.markers[pose.marker].name
-                        );
-                        read += 1;
-                        true
-                    });
+                    find_plates(
+                        cutout,
+                        &optics.imaging.tone(),
+                        &mut CutoutScratch::new(size),
+                        |plate| {
+                            let seen = family.recognise(&plate, cutout, &optics, &SETTINGS);
+                            let Some(pose) = seen.filter(|read| read.is_certain) else {
+                                return false;
+                            };
+                            assert_eq!(
+                                pose.marker, index,
+                                "{} is taken for {}",
+                                drawing.name, family.markers[pose.marker].name
+                            );
+                            read += 1;
+                            true
+                        },
+                    );
                 }
             }
             println!("plate {plate_px} px, blur {blur_px} px: {read} of {shown} read");

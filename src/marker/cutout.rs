@@ -2,7 +2,7 @@
 //! 2.2.1 of the paper).
 //!
 //! 1. The histogram of the shape's pixels gives the levels of light and dark; the threshold is
-//!    half-way between.
+//!    where the light is half-way between theirs ([`ToneCurve`]).
 //! 2. Every light region is a plate that may carry a marker. Its filled contour includes the dark
 //!    pixels inside it.
 //! 3. The threshold is computed again inside the plate, without rim, robot and floor. The largest
@@ -35,7 +35,8 @@ use imgproc::contour::{
 use imgproc::fit::Within;
 use imgproc::isoline::follow_isoline;
 use imgproc::morphology::{close_3x3, open_3x3};
-use imgproc::split::{Split, histogram, split};
+use imgproc::split::{Histogram, Split, histogram, split};
+use imgproc::tone::ToneCurve;
 use imgproc::{Bounds, Point, Size, crop};
 
 /// Minimum width and height of a plate for opening and closing.
@@ -184,11 +185,12 @@ impl CutoutScratch {
 /// of them together. `found` returns whether it was a plate.
 pub(crate) fn find_plates(
     cutout: Cutout<'_>,
+    tone: &ToneCurve,
     scratch: &mut CutoutScratch,
     mut found: impl FnMut(Plate<'_>) -> bool,
 ) {
     let Cutout { size, grey, mask } = cutout;
-    let Some(split) = split(&histogram(grey, mask)).filter(has_contrast) else {
+    let Some(split) = split_light(&histogram(grey, mask), tone).filter(has_contrast) else {
         return;
     };
     let light = &mut scratch.light[..size.area()];
@@ -212,7 +214,7 @@ pub(crate) fn find_plates(
             spans: &mut scratch.spans,
             isoline: &mut scratch.isoline,
         };
-        let figure = figure_on_plate(cutout, removed.bounds, plate, memory);
+        let figure = figure_on_plate(cutout, tone, removed.bounds, plate, memory);
         any |= found(Plate {
             figure,
             border: Border::Contour(contour),
@@ -225,7 +227,7 @@ pub(crate) fn find_plates(
         });
     }
     if !any {
-        whole_as_plate(cutout, &split, scratch, found);
+        whole_as_plate(cutout, tone, &split, scratch, found);
     }
 }
 
@@ -233,6 +235,7 @@ pub(crate) fn find_plates(
 /// blur may have broken the light into pieces, or the figure may reach the border of its plate.
 fn whole_as_plate(
     cutout: Cutout<'_>,
+    tone: &ToneCurve,
     split: &Split,
     scratch: &mut CutoutScratch,
     mut found: impl FnMut(Plate<'_>) -> bool,
@@ -260,7 +263,7 @@ fn whole_as_plate(
         isoline: &mut scratch.isoline,
     };
     let figure = if is_part {
-        figure_on_plate(closed, whole, mask, memory)
+        figure_on_plate(closed, tone, whole, mask, memory)
     } else {
         None
     };
@@ -341,6 +344,7 @@ fn square_around<Points: Iterator<Item = Point>>(
 /// plate, in `bounds`.
 fn figure_on_plate<'a>(
     cutout: Cutout<'_>,
+    tone: &ToneCurve,
     bounds: Bounds,
     plate: &[u8],
     scratch: PlateScratch<'a>,
@@ -355,7 +359,7 @@ fn figure_on_plate<'a>(
     let size = bounds.size();
     let (grey, dark) = (&mut grey[..size.area()], &mut dark[..size.area()]);
     crop(cutout.grey, cutout.size, bounds, grey);
-    let rough = split(&histogram(grey, plate)).filter(has_contrast)?;
+    let rough = split_light(&histogram(grey, plate), tone).filter(has_contrast)?;
     for ((dark, &plate), &grey) in dark.iter_mut().zip(plate).zip(&*grey) {
         *dark = plate & u8::from(f32::from(grey) < rough.threshold);
     }
@@ -366,7 +370,7 @@ fn figure_on_plate<'a>(
     }
     let largest = largest_shape(dark, size, spans)?;
     let around = largest.bounds.grown(MARGIN_PX, size);
-    let split = split_around(grey, plate, size, around)?;
+    let split = split_around(grey, plate, tone, size, around)?;
     let start = first_dark(grey, plate, size, around, split.threshold)?;
     let start = Point {
         x: start.x + bounds.left,
@@ -395,9 +399,23 @@ fn largest_shape(mask: &mut [u8], size: Size, spans: &mut [Span]) -> Option<Remo
     largest
 }
 
+/// Divides a histogram into light and dark where the light is half-way between theirs.
+pub(crate) fn split_light(histogram: &Histogram, tone: &ToneCurve) -> Option<Split> {
+    split(histogram).map(|split| Split {
+        threshold: tone.half_way(split.dark, split.light),
+        ..split
+    })
+}
+
 /// The threshold in the neighbourhood of a figure, where a rim that is neither light nor dark does
 /// not shift it.
-fn split_around(grey: &[u8], plate: &[u8], size: Size, around: Bounds) -> Option<Split> {
+fn split_around(
+    grey: &[u8],
+    plate: &[u8],
+    tone: &ToneCurve,
+    size: Size,
+    around: Bounds,
+) -> Option<Split> {
     let mut levels = [0; 256];
     for y in around.top..=around.bottom {
         let row = usize::from(y) * size.width;
@@ -406,7 +424,7 @@ fn split_around(grey: &[u8], plate: &[u8], size: Size, around: Bounds) -> Option
             levels[usize::from(grey)] += u32::from(plate);
         }
     }
-    split(&levels).filter(has_contrast)
+    split_light(&levels, tone).filter(has_contrast)
 }
 
 /// The first dark pixel of the plate with light to its left, in reading order.
@@ -454,10 +472,15 @@ mod tests {
             mask: &vec![1; size.area()],
         };
         let mut found = Vec::new();
-        find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-            found.extend(plate.figure.map(|f| (f.region.area, f.region.centre)));
-            plate.figure.is_some()
-        });
+        find_plates(
+            cutout,
+            &ToneCurve::new(1.0),
+            &mut CutoutScratch::new(size),
+            |plate| {
+                found.extend(plate.figure.map(|f| (f.region.area, f.region.centre)));
+                plate.figure.is_some()
+            },
+        );
         found
     }
 

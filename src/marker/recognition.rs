@@ -13,7 +13,7 @@ use imgproc::fit::{
 
 use crate::marker::Family;
 use crate::marker::cutout::{Cutout, Figure, Plate, Square};
-use crate::marker::optics::Optics;
+use crate::marker::optics::{ImagingReading, Optics};
 use crate::marker::perspective::{Seen, StretchReading};
 use crate::marker::reference::{AngleReference, ORIENTATION_MIN, Reference, size_px};
 use crate::marker::template::Pattern;
@@ -122,8 +122,8 @@ pub struct Recognised {
     /// Whether it is a reading. A plate at an angle to a camera of unknown perspective is none, only
     /// a vote for a perspective.
     pub(crate) is_certain: bool,
-    /// Logarithm of the camera's blur and its variance, if the marker shows it.
-    pub(crate) blur: Option<(f32, f32)>,
+    /// Blur and tone curve of the camera, if the marker shows them.
+    pub(crate) imaging: Option<ImagingReading>,
     /// How the camera stretches the plate, if the marker shows it.
     pub(crate) stretch: Option<StretchReading>,
 }
@@ -223,7 +223,7 @@ impl Family {
         optics: &Optics,
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
-        let noise = optics.blur.noise();
+        let noise = optics.imaging.noise();
         let mut best: Option<(Start, Option<Within<'_>>, Fitted)> = None;
         let mut rival = f32::INFINITY;
         for start in starts.into_iter().flatten() {
@@ -275,7 +275,7 @@ impl Family {
             confidence: fit.r_squared,
             covariance: fit.covariance,
             is_certain: true,
-            blur: optics.blur.blur_of(&fit),
+            imaging: optics.imaging.reading(&fit),
             stretch,
         })
     }
@@ -333,7 +333,7 @@ impl Family {
     ) -> Option<[Option<Start>; CANDIDATES]> {
         let seen = normalise(figure.contour)?;
         let magnitudes = seen.magnitudes();
-        let blur_px = optics.blur.blur_px();
+        let blur_px = optics.imaging.blur_px();
         let mut nearest = [None::<(f32, Start)>; CANDIDATES];
         for (marker, of_marker) in self.markers.iter().enumerate() {
             let Some(reference) = of_marker.nearest_reference(blur_px, size_px(&seen)) else {
@@ -416,7 +416,7 @@ impl Family {
                         centre: square.centre,
                         turn_rad: square.turn_rad + turn,
                         plate_px: square.side_px,
-                        blur_px: optics.blur.blur_px(),
+                        blur_px: optics.imaging.blur_px(),
                     };
                     likely[place] = Some((alike, (marker, Placed::Upright(pose))));
                 }
@@ -476,10 +476,10 @@ fn plate_px(placed: &Placed) -> f32 {
 
 /// What a fit of a plate starts from.
 fn priors(optics: &Optics, settings: &RecognitionSettings, plate_px: f32) -> (Prior, StretchPrior) {
-    let blur = &optics.blur;
+    let imaging = &optics.imaging;
     (
-        blur.prior(PLATE_LN_SIGMA, settings.residual_ratio_max),
-        optics.stretch.prior(blur.blur_px(), plate_px),
+        imaging.prior(PLATE_LN_SIGMA, settings.residual_ratio_max),
+        optics.stretch.prior(imaging.blur_px(), plate_px),
     )
 }
 
@@ -568,7 +568,7 @@ fn start(
         centre: [x + cos * dx - sin * dy, y + sin * dx + cos * dy],
         turn_rad: candidate.turn_rad,
         plate_px: descriptor.size_px * candidate.reference.plate_per_size,
-        blur_px: optics.blur.blur_px(),
+        blur_px: optics.imaging.blur_px(),
     }
 }
 

@@ -12,6 +12,7 @@ use fourier::descriptor::{Descriptor, NoDescriptor, describe};
 use fourier::matching::distances;
 use fourier::{Complex32, N, wrapped};
 use imgproc::Size;
+use imgproc::tone::ToneCurve;
 
 use crate::geometry::raster::{Vertex, blur, fill_polygon};
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
@@ -187,29 +188,34 @@ fn measure(
         mask: &mask,
     };
     let mut measured = Err(NoReference::Unseen);
-    find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-        let Some(figure) = plate.figure else {
-            return false;
-        };
-        let Some(normalised) = normalise(figure.contour) else {
-            return false;
-        };
-        measured = match describe(&resample(figure.contour), ORIENTATION_MIN) {
-            Ok(descriptor) => Ok(Measured {
-                descriptor,
-                normalised,
-                centre_from_figure: [
-                    centre[0] - figure.region.centre[0],
-                    centre[1] - figure.region.centre[1],
-                ],
-            }),
-            Err(NoDescriptor::NoOrientation { elongation }) => {
-                Err(NoReference::Orientation(elongation))
-            }
-            Err(NoDescriptor::NoExtent) => Err(NoReference::Unseen),
-        };
-        true
-    });
+    find_plates(
+        cutout,
+        &ToneCurve::new(1.0),
+        &mut CutoutScratch::new(size),
+        |plate| {
+            let Some(figure) = plate.figure else {
+                return false;
+            };
+            let Some(normalised) = normalise(figure.contour) else {
+                return false;
+            };
+            measured = match describe(&resample(figure.contour), ORIENTATION_MIN) {
+                Ok(descriptor) => Ok(Measured {
+                    descriptor,
+                    normalised,
+                    centre_from_figure: [
+                        centre[0] - figure.region.centre[0],
+                        centre[1] - figure.region.centre[1],
+                    ],
+                }),
+                Err(NoDescriptor::NoOrientation { elongation }) => {
+                    Err(NoReference::Orientation(elongation))
+                }
+                Err(NoDescriptor::NoExtent) => Err(NoReference::Unseen),
+            };
+            true
+        },
+    );
     measured
 }
 

@@ -17,10 +17,11 @@ use imgproc::contour::{
 };
 use imgproc::isoline::follow_isoline;
 use imgproc::morphology::dilate_3x3;
-use imgproc::split::{histogram, split};
+use imgproc::split::histogram;
+use imgproc::tone::ToneCurve;
 use imgproc::{Bounds, Point, Size, crop};
 
-use crate::marker::cutout::Figure;
+use crate::marker::cutout::{Figure, split_light};
 use crate::marker::recognition::CONTRAST_DEVIATIONS;
 
 /// Half the width of the windows, pixels.
@@ -84,11 +85,12 @@ impl SearchScratch {
 }
 
 /// Calls `found` with every dark figure that light surrounds. `noise` is the standard deviation of
-/// a pixel in grey levels, `extent_px` the range of the larger of width and height of a figure.
+/// a pixel in grey levels, `tone` the camera's tone curve, `extent_px` the range of the larger of width and height of a figure.
 pub(crate) fn find_figures(
     grey: &[u8],
     size: Size,
     noise: f32,
+    tone: &ToneCurve,
     extent_px: [f32; 2],
     scratch: &mut SearchScratch,
     mut found: impl FnMut(Figure<'_>),
@@ -122,7 +124,7 @@ pub(crate) fn find_figures(
             {
                 continue;
             }
-            if let Some(figure) = figure(grey, size, noise, len, removed.bounds, scratch) {
+            if let Some(figure) = figure(grey, size, noise, tone, len, removed.bounds, scratch) {
                 found(figure);
             }
         }
@@ -134,6 +136,7 @@ fn figure<'a>(
     grey: &[u8],
     size: Size,
     noise: f32,
+    tone: &ToneCurve,
     contour_len: usize,
     bounds: Bounds,
     scratch: &'a mut SearchScratch,
@@ -148,7 +151,7 @@ fn figure<'a>(
     let inner = shape.iter().map(|&s| usize::from(s)).sum::<usize>();
     dilate_3x3(ring, around.size(), shape);
     crop(grey, size, around, part);
-    let split = split(&histogram(part, shape))?;
+    let split = split_light(&histogram(part, shape), tone)?;
     if split.light - split.dark < CONTRAST_DEVIATIONS * noise {
         return None;
     }
@@ -252,9 +255,18 @@ mod tests {
         }
         let mut found = Vec::new();
         let mut scratch = SearchScratch::new(SIZE);
-        find_figures(&grey, SIZE, 1.0, [3.0, 60.0], &mut scratch, |figure| {
-            found.push((figure.region.area, figure.region.centre));
-        });
+        let tone = ToneCurve::new(1.0);
+        find_figures(
+            &grey,
+            SIZE,
+            1.0,
+            &tone,
+            [3.0, 60.0],
+            &mut scratch,
+            |figure| {
+                found.push((figure.region.area, figure.region.centre));
+            },
+        );
         found
     }
 

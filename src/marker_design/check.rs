@@ -8,7 +8,7 @@ use random::SplitMix64;
 use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::drawing::{Drawing, read_drawing};
 use crate::marker::name::check_unlike;
-use crate::marker::optics::{BlurEstimate, Optics};
+use crate::marker::optics::{Imaging, Optics};
 use crate::marker::perspective::ExpectedStretch;
 use crate::marker::reference::{Placement, plate_mask, render};
 use crate::marker::{Family, FamilyError, MarkerFile, SEPARATION_MIN, matching};
@@ -136,10 +136,10 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
         height: side,
     };
     let mut scratch = CutoutScratch::new(size);
-    let mut blur = BlurEstimate::new();
-    blur.noise = NOISE;
+    let mut imaging = Imaging::new();
+    imaging.noise = NOISE;
     let optics = Optics {
-        blur,
+        imaging,
         stretch: ExpectedStretch::unknown(),
     };
     let settings = Settings::default().recognition(None);
@@ -170,7 +170,7 @@ pub(crate) fn is_read_on(family: &Family, marker: usize, drawing: &Drawing, plat
             mask: &mask,
         };
         let (mut right, mut wrong) = (false, false);
-        find_plates(cutout, &mut scratch, |plate| {
+        find_plates(cutout, &imaging.tone(), &mut scratch, |plate| {
             let read = family
                 .recognise(&plate, cutout, &optics, &settings)
                 .filter(|read| read.is_certain);

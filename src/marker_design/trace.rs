@@ -1,6 +1,7 @@
 //! A drawing from an image: the outline of a shape that was cut by hand and lies on its plate.
 
 use imgproc::Size;
+use imgproc::tone::ToneCurve;
 
 use crate::image::frame::Picture;
 use crate::marker::MarkerFile;
@@ -61,27 +62,32 @@ pub fn trace(picture: &Picture, name: &str) -> Result<MarkerFile, TraceError> {
 fn largest(size: Size, grey: &[u8], mask: &[u8]) -> Option<(f32, Vec<[f32; 2]>)> {
     let mut largest: Option<(f32, Vec<[f32; 2]>)> = None;
     let cutout = Cutout { size, grey, mask };
-    find_plates(cutout, &mut CutoutScratch::new(size), |plate| {
-        let (Some(figure), Some(square)) = (plate.figure, plate.exact_square()) else {
-            return false;
-        };
-        if largest
-            .as_ref()
-            .is_none_or(|(side, _)| square.side_px > *side)
-        {
-            // The rotation nearest to upright, of the four.
-            let quarter = std::f32::consts::FRAC_PI_2;
-            let turn_rad = square.turn_rad - quarter * (square.turn_rad / quarter).round();
-            let (sin, cos) = turn_rad.sin_cos();
-            let upright = |&[x, y]: &[f32; 2]| {
-                let [dx, dy] = [x - square.centre[0], y - square.centre[1]];
-                [cos * dx + sin * dy, cos * dy - sin * dx].map(|d| d / square.side_px)
+    find_plates(
+        cutout,
+        &ToneCurve::new(1.0),
+        &mut CutoutScratch::new(size),
+        |plate| {
+            let (Some(figure), Some(square)) = (plate.figure, plate.exact_square()) else {
+                return false;
             };
-            let outline = figure.contour.iter().map(upright).collect();
-            largest = Some((square.side_px, outline));
-        }
-        true
-    });
+            if largest
+                .as_ref()
+                .is_none_or(|(side, _)| square.side_px > *side)
+            {
+                // The rotation nearest to upright, of the four.
+                let quarter = std::f32::consts::FRAC_PI_2;
+                let turn_rad = square.turn_rad - quarter * (square.turn_rad / quarter).round();
+                let (sin, cos) = turn_rad.sin_cos();
+                let upright = |&[x, y]: &[f32; 2]| {
+                    let [dx, dy] = [x - square.centre[0], y - square.centre[1]];
+                    [cos * dx + sin * dy, cos * dy - sin * dx].map(|d| d / square.side_px)
+                };
+                let outline = figure.contour.iter().map(upright).collect();
+                largest = Some((square.side_px, outline));
+            }
+            true
+        },
+    );
     largest
 }
 

@@ -66,9 +66,11 @@ impl Score {
             slope,
             disturbance,
             viewpoint,
+            gamma,
         } = conditions;
         println!(
-            "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}, {disturbance:?}, {viewpoint:?}: \
+            "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}, {disturbance:?}, {viewpoint:?}, \
+             gamma {gamma}: \
              recall {:.4}, centre {:.4} px, heading {:.3} deg; wrong names {}, half turns {}, \
              false markers {} of {}; inside the 95 % ellipse {:.1} %, heading {:.1} %",
             self.recall(),
@@ -271,6 +273,7 @@ pub(crate) const USUAL: Conditions = Conditions {
     slope: 0.0,
     disturbance: Disturbance::None,
     viewpoint: Viewpoint::ABOVE,
+    gamma: 1.0,
 };
 
 #[test]

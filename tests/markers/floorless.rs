@@ -49,6 +49,7 @@ impl Play {
                 slope: 0.02,
                 disturbance: Disturbance::None,
                 viewpoint: Viewpoint::ABOVE,
+                gamma: 1.0,
             },
             palette,
             sequence: 0,

@@ -9,4 +9,5 @@ mod floorless;
 mod perspective;
 mod random;
 mod scene;
+mod tone;
 mod viewpoint;

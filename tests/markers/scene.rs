@@ -24,6 +24,8 @@ pub(crate) struct Conditions {
     pub(crate) disturbance: Disturbance,
     /// Where the camera looks from, and through what.
     pub(crate) viewpoint: Viewpoint,
+    /// Light is this power of a grey level.
+    pub(crate) gamma: f32,
 }
 
 /// Disturbances on real floors.
@@ -90,9 +92,31 @@ pub(crate) struct Plate<'a> {
     pub(crate) light: [f32; 2],
 }
 
+/// Light that a camera with a tone curve shows as a grey level; both 0 to 255.
+fn light_of(grey: f32, gamma: f32) -> f32 {
+    255.0 * (grey / 255.0).powf(gamma)
+}
+
+impl Palette {
+    fn lit(&self, gamma: f32) -> Self {
+        let lit = |colour: [f32; 3]| colour.map(|grey| light_of(grey, gamma));
+        Self {
+            floor: lit(self.floor),
+            paper: lit(self.paper),
+            ink: lit(self.ink),
+        }
+    }
+}
+
 impl Plate<'_> {
-    /// Colour at a point relative to the centre; `None` beside the plate and its robot.
-    fn colour(&self, [x, y]: [f32; 2], plate_px: f32, palette: &Palette) -> Option<[f32; 3]> {
+    /// Light at a point relative to the centre; `None` beside the plate and its robot.
+    fn colour(
+        &self,
+        [x, y]: [f32; 2],
+        plate_px: f32,
+        palette: &Palette,
+        gamma: f32,
+    ) -> Option<[f32; 3]> {
         let (sin, cos) = self.turn_rad.sin_cos();
         let at = [
             (cos * x + sin * y) / plate_px,
@@ -107,8 +131,8 @@ impl Plate<'_> {
             });
         }
         match self.robot {
-            Robot::Dark if x.hypot(y) < plate_px * 0.75 + 3.0 => Some([25.0; 3]),
-            Robot::Rim(grey) if border <= 0.5 + 3.0 / plate_px => Some([grey; 3]),
+            Robot::Dark if x.hypot(y) < plate_px * 0.75 + 3.0 => Some([light_of(25.0, gamma); 3]),
+            Robot::Rim(grey) if border <= 0.5 + 3.0 / plate_px => Some([light_of(grey, gamma); 3]),
             _ => None,
         }
     }
@@ -141,6 +165,7 @@ pub(crate) fn picture(
     let colours = [palette.floor, palette.paper, palette.ink];
     let is_grey = colours.iter().all(|[r, g, b]| r == g && g == b);
     let channels = if is_grey { 1 } else { 3 };
+    let palette = &palette.lit(conditions.gamma);
     let mut planes: Vec<Vec<f32>> = (0..channels)
         .map(|channel| vec![palette.floor[channel]; size.area()])
         .collect();
@@ -172,7 +197,8 @@ pub(crate) fn picture(
         let light_at = |x: f32| 1.0 + conditions.slope * (x - size.width as f32 / 2.0) / 100.0;
         let lit = light_at((i % size.width) as f32) / light_at(size.width as f32);
         for plane in &planes {
-            let seen = plane[i] * lit + conditions.noise * random.normal();
+            let grey = 255.0 * (plane[i] * lit / 255.0).powf(1.0 / conditions.gamma);
+            let seen = grey + conditions.noise * random.normal();
             frame.bytes.push(seen.round().clamp(0.0, 255.0) as u8);
         }
     }
@@ -320,6 +346,7 @@ fn draw(
     let Conditions {
         plate_px,
         viewpoint,
+        gamma,
         ..
     } = *conditions;
     let to_floor = |point: [f32; 2]| viewpoint.to_floor(point, size);
@@ -346,7 +373,7 @@ fn draw(
                     y as f32 + offset(i / SUBSAMPLES),
                 ]);
                 let point = [at[0] - centre[0], at[1] - centre[1]];
-                let colour = plate.colour(point, side, palette).unwrap_or(before);
+                let colour = plate.colour(point, side, palette, gamma).unwrap_or(before);
                 for (sum, value) in sums.iter_mut().zip(colour) {
                     *sum += value / (SUBSAMPLES * SUBSAMPLES) as f32;
                 }

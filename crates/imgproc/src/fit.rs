@@ -6,9 +6,12 @@
 //! unknown. They are found by least squares:
 //!
 //! ```text
-//! grey(x, y) = (light + slope · (x - x0, y - y0)) (1 - contrast · coverage(u, v; blur))
-//! (u, v)     = (x - centre) / plate, rotated back by `turn`
+//! grey(x, y)  = tone(light(x, y))
+//! light(x, y) = (1 + slope · (x - x0, y - y0)) (bare + (dark - bare) coverage(u, v; blur))
+//! (u, v)      = (x - centre) / plate, rotated back by `turn`
 //! ```
+//!
+//! `tone` is the camera's tone curve ([`ToneCurve`]). Its exponent is unknown, too.
 //!
 //! A contour uses only the pixels that it passes through, and one number of each. The fit uses the
 //! information of every pixel about every unknown. The residual is noise if the shape is the right
@@ -29,10 +32,11 @@
 //! which reject most other shapes; then one to three rounds with all pixels, about 200 operations
 //! per pixel.
 
+use crate::tone::ToneCurve;
 use crate::{Bounds, Size, assert_len};
 
 use curved::Curved;
-use descent::{Fitted, Model, descend};
+use descent::{Fitted, Model, TONE, descend};
 use upright::Upright;
 use view::View;
 
@@ -113,6 +117,10 @@ pub struct Prior {
     pub blur_ln_sigma: f32,
     /// Standard deviation of the natural logarithm of the initial plate size.
     pub plate_ln_sigma: f32,
+    /// Expected exponent of the tone curve.
+    pub tone: f32,
+    /// Its standard deviation.
+    pub tone_sigma: f32,
     /// Maximum residual besides noise if the shape is present: root mean square, as a share of the
     /// contrast. Fits that will not get near it are given up.
     pub residual_ratio_max: f32,
@@ -141,6 +149,10 @@ pub struct Fit {
     pub covariance: [[f32; 3]; 3],
     /// Variance of the logarithm of the blur.
     pub blur_ln_variance: f32,
+    /// Exponent of the tone curve.
+    pub tone: f32,
+    /// Its variance.
+    pub tone_variance: f32,
 }
 
 /// What is known of the picture of a plate before [`fit_curved_shape`].
@@ -197,9 +209,14 @@ pub fn fit_shape(
             layers,
             start.centre,
             start.plate_px / across,
+            prior.tone,
         )
     });
-    let fitted = descend(Upright::new(start), [&views[0], &views[1]], prior)?;
+    let fitted = descend(
+        Upright::new(start, prior.tone),
+        [&views[0], &views[1]],
+        prior,
+    )?;
     let poses = [upright::X, upright::Y, upright::TURN];
     let covariance = poses.map(|i| poses.map(|k| fitted.covariance[i][k] as f32));
     Some(result(
@@ -239,9 +256,10 @@ pub fn fit_curved_shape(
             layers,
             start.origin,
             start.unit_px / across,
+            prior.tone,
         )
     });
-    let curved = Curved::new(start, expected.blur_px, *expected);
+    let curved = Curved::new(start, expected.blur_px, prior.tone, *expected);
     descend(curved, [&views[0], &views[1]], prior).map(|fitted| curved_result(&fitted))
 }
 
@@ -262,8 +280,17 @@ pub fn refine_shape(
     expected: &StretchPrior,
 ) -> Option<CurvedFit> {
     let block_px = start.plate_px / (PLATE_BINNED_PX / 2.0);
-    let fine = view(plane, size, within, layers, start.centre, block_px);
-    let curved = Curved::new(PlateMap::upright(start), start.blur_px, *expected);
+    let fine = view(
+        plane,
+        size,
+        within,
+        layers,
+        start.centre,
+        block_px,
+        prior.tone,
+    );
+    let map = PlateMap::upright(start);
+    let curved = Curved::new(map, start.blur_px, prior.tone, *expected);
     descend(curved, [&fine, &fine], prior).map(|fitted| curved_result(&fitted))
 }
 
@@ -292,17 +319,28 @@ fn view<'a>(
     layers: Layers<'a>,
     origin: [f32; 2],
     block_px: f32,
+    tone: f32,
 ) -> View<'a> {
     assert_len("plane", plane.len(), size);
     if let Some(Within { mask, bounds }) = within {
         assert_len("mask", mask.len(), bounds.size());
+    }
+    let block_px = block_px.max(1.0) as usize;
+    let curve = ToneCurve::new(tone);
+    let mut light = [0.0; 256];
+    if block_px > 1 {
+        for (grey, light) in light.iter_mut().enumerate() {
+            *light = curve.light(grey as f32);
+        }
     }
     View {
         plane,
         size,
         within,
         layers,
-        block_px: block_px.max(1.0) as usize,
+        block_px,
+        curve,
+        light,
         origin,
     }
 }
@@ -325,6 +363,8 @@ fn result<M: Model<N>, const N: usize>(
         block_px: fitted.block_px,
         covariance,
         blur_ln_variance: fitted.covariance[blur][blur] as f32,
+        tone: fitted.model.light().tone,
+        tone_variance: fitted.covariance[TONE][TONE] as f32,
     }
 }
 

@@ -15,6 +15,8 @@
 //! 8. [`isoline`] follows the border between them with subpixel precision;
 //! 9. [`fit`] aligns the picture of a known shape with all pixels, which is more precise still.
 //!
+//! [`tone`] tells light from grey levels for the last three.
+//!
 //! All are plain functions over borrowed slices: inputs, then outputs and scratch, then settings.
 //! Nothing here allocates, keeps state between calls, or knows about cameras and markers.
 //!
@@ -41,6 +43,7 @@ pub mod morphology;
 pub mod noise;
 pub mod split;
 pub mod texture;
+pub mod tone;
 
 mod window;
 

@@ -1,16 +1,14 @@
 //! A plate that is seen at an angle or through a wide lens.
 
-use super::descent::{Light, Model};
+use super::descent::{Light, Model, OF_LIGHT};
 use super::equations::{Batch, Normal};
 use super::plate_map::{PlateMap, TERMS, product, terms};
 use super::view::{Footprint, Place, Sample, View};
 use super::{LAST_STEP_BLUR, Prior, StretchPrior};
 
-/// Unknowns: light, its slope in x and y, contrast, the logarithm of the blur, and the factors of
-/// the map.
+/// Unknowns: those of the light, the logarithm of the blur, and the factors of the map.
 pub(super) const UNKNOWNS: usize = BLUR + 1 + 2 * TERMS;
-const CONTRAST: usize = 3;
-pub(super) const BLUR: usize = 4;
+pub(super) const BLUR: usize = OF_LIGHT;
 pub(super) const FACTORS: [usize; 2] = [BLUR + 1, BLUR + 1 + TERMS];
 
 /// The corners of a plate and its centre, in units of its side.
@@ -47,13 +45,13 @@ pub(super) struct Curved {
 }
 
 impl Curved {
-    pub(super) fn new(mut map: PlateMap, blur_px: f32, expected: StretchPrior) -> Self {
+    pub(super) fn new(mut map: PlateMap, blur_px: f32, tone: f32, expected: StretchPrior) -> Self {
         let curvature = expected_curvature(&map, &expected);
         for (factors, expected) in map.factors.iter_mut().zip(curvature) {
             factors[3..].copy_from_slice(&expected);
         }
         Self {
-            light: Light::default(),
+            light: Light::new(tone),
             map,
             blur_px,
             expected,
@@ -178,12 +176,8 @@ impl Model<UNKNOWNS> for Curved {
         });
     }
 
-    fn normal(&self, view: &View<'_>) -> Normal<UNKNOWNS> {
-        let Light {
-            bare: bare_light,
-            slope: [slope_x, slope_y],
-            share,
-        } = self.light;
+    fn normal(&self, view: &View<'_>, noise: f32) -> Normal<UNKNOWNS> {
+        let light = self.light.shown(noise);
         let per_unit = 1.0 / self.map.unit_px;
         let lens_share = self.blur_px * self.blur_px / view.blur_variance(self.blur_px);
         let mut normal = Normal::new();
@@ -195,22 +189,23 @@ impl Model<UNKNOWNS> for Curved {
                 sample.from_centre[1] * per_unit,
             );
             let [_, x, y, ..] = terms;
-            let light = bare_light + slope_x * x + slope_y * y;
-            let bare = 1.0 - share * t;
-            let dark = -light * share;
+            let predicted = light.predict(t, [x, y]);
+            let dark = predicted.of_coverage;
             let mut derivatives = [0.0; UNKNOWNS];
-            derivatives[0] = bare;
-            derivatives[1] = x * bare;
-            derivatives[2] = y * bare;
-            derivatives[CONTRAST] = -light * t;
+            derivatives[..OF_LIGHT].copy_from_slice(&predicted.of_light);
             derivatives[BLUR] = dark * tblur * lens_share;
             for (first, slope) in FACTORS.into_iter().zip([tu, tv]) {
                 for (derivative, term) in derivatives[first..].iter_mut().zip(terms) {
                     *derivative = dark * slope * term;
                 }
             }
-            let residual = sample.grey - light * bare;
-            batch.push(sample.weight, derivatives, residual, &mut normal);
+            let residual = sample.grey - predicted.grey;
+            batch.push(
+                sample.weight * predicted.weight,
+                derivatives,
+                residual,
+                &mut normal,
+            );
         });
         batch.add_to(&mut normal);
         normal
@@ -247,7 +242,6 @@ impl Model<UNKNOWNS> for Curved {
         let reach = f32::min(0.15, 2.0 / unit_px);
         let share = if moved > reach { reach / moved } else { 1.0 };
         let step = step.map(|s| s as f32);
-        self.light.take([step[0], step[1], step[2], step[CONTRAST]]);
         self.blur_px *= libm::expf(step[BLUR].clamp(-0.4, 0.4));
         for (first, factors) in FACTORS.into_iter().zip(&mut self.map.factors) {
             for (factor, step) in factors.iter_mut().zip(&step[first..]) {

@@ -3,6 +3,7 @@
 use super::equations::{Normal, Solution};
 use super::view::{Sample, View};
 use super::{Prior, ROUNDS_MAX};
+use crate::tone::{Lit, Shown, ToneCurve};
 
 /// A fit is given up when a round starts with a residual above the permitted one times this factor,
 /// for the first round, the second, and so on. Shapes that are present start with less than 4.8,
@@ -21,29 +22,130 @@ const PROGRESS_MIN: f32 = 0.1;
 /// Number of rounds with the coarse view.
 const COARSE_ROUNDS: usize = 2;
 
-/// Light on a plate.
-#[derive(Debug, Clone, Copy, Default)]
+/// Number of unknowns of [`Light`], the first ones of every model: grey level of the bare plate, slope
+/// of the light in x and y, grey level of the shape, exponent of the tone curve.
+pub(super) const OF_LIGHT: usize = 5;
+const BARE: usize = 0;
+const SLOPE: [usize; 2] = [1, 2];
+const DARK: usize = 3;
+pub(super) const TONE: usize = 4;
+
+/// Standard deviation of the coverage, as it is interpolated between samples and blurs.
+const COVERAGE_SIGMA: f32 = 0.006;
+
+/// Range of the exponent.
+const TONE_RANGE: [f32; 2] = [0.3, 1.4];
+
+/// Light on a plate, and how the camera shows it.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Light {
     /// Grey level of the bare plate at its centre.
     pub(super) bare: f32,
-    /// Per side of the plate.
-    pub(super) slope: [f32; 2],
-    /// Share of the light that the shape does not reflect.
-    pub(super) share: f32,
+    /// Grey level of the shape at the same place.
+    pub(super) dark: f32,
+    /// Change of the light per side of the plate, as a share of it.
+    slope: [f32; 2],
+    /// Exponent of the tone curve.
+    pub(super) tone: f32,
 }
 
 impl Light {
-    /// Difference between the plate and the shape, in grey levels.
-    pub(super) fn contrast(&self) -> f32 {
-        self.bare * self.share
+    /// White and black, until they are known.
+    pub(super) fn new(tone: f32) -> Self {
+        Self {
+            bare: 255.0,
+            dark: 0.0,
+            slope: [0.0; 2],
+            tone,
+        }
     }
 
-    /// Adds a step of the light, its slope in x and y, and the contrast.
-    pub(super) fn take(&mut self, [bare, x, y, share]: [f32; 4]) {
-        self.bare += bare;
-        self.slope[0] += x;
-        self.slope[1] += y;
-        self.share = (self.share + share).clamp(0.02, 1.2);
+    /// Difference between the plate and the shape, in grey levels.
+    pub(super) fn contrast(&self) -> f32 {
+        self.bare - self.dark
+    }
+
+    /// Adds a step of the unknowns.
+    fn take(&mut self, step: &[f64]) {
+        let step = |unknown: usize| step[unknown] as f32;
+        self.bare = (self.bare + step(BARE)).max(1.0);
+        self.dark = (self.dark + step(DARK)).clamp(-0.2 * self.bare, 0.98 * self.bare);
+        for (slope, unknown) in self.slope.iter_mut().zip(SLOPE) {
+            *slope += step(unknown);
+        }
+        let [min, max] = TONE_RANGE;
+        self.tone = (self.tone + step(TONE).clamp(-0.2, 0.2)).max(min).min(max);
+    }
+
+    /// What it shows, ready for many samples with this noise.
+    pub(super) fn shown(&self, noise: f32) -> ShownLight {
+        let curve = ToneCurve::new(self.tone);
+        let error_per_slope2 = COVERAGE_SIGMA * COVERAGE_SIGMA / (noise * noise);
+        let contrast = self.contrast();
+        ShownLight {
+            curve,
+            bare: curve.lit(self.bare),
+            dark: curve.lit(self.dark),
+            slope: self.slope,
+            error_per_slope2,
+            even_error: 1.0 + error_per_slope2 * contrast * contrast,
+        }
+    }
+}
+
+/// Predicts grey levels.
+pub(super) struct ShownLight {
+    curve: ToneCurve,
+    bare: Lit,
+    dark: Lit,
+    slope: [f32; 2],
+    /// Variance from errors of the coverage, relative to that of the noise: per square of the grey
+    /// levels per coverage; and the total of both with a linear curve.
+    error_per_slope2: f32,
+    even_error: f32,
+}
+
+/// A predicted grey level with its derivatives.
+pub(super) struct Predicted {
+    pub(super) grey: f32,
+    pub(super) of_light: [f32; OF_LIGHT],
+    pub(super) of_coverage: f32,
+    /// 1 for a linear curve. Less where a curve is so steep that errors of the coverage exceed the
+    /// noise: in the dark.
+    pub(super) weight: f32,
+}
+
+impl ShownLight {
+    /// The grey level of a pixel that the shape covers by a share, at a place in units of the
+    /// plate's side.
+    #[inline(always)]
+    pub(super) fn predict(&self, coverage: f32, [x, y]: [f32; 2]) -> Predicted {
+        let Self {
+            curve, bare, dark, ..
+        } = self;
+        let brightness = 1.0 + self.slope[0] * x + self.slope[1] * y;
+        let rest = 1.0 - coverage;
+        let even = bare.light * rest + dark.light * coverage;
+        let Shown {
+            grey,
+            per_light,
+            per_exponent,
+        } = curve.shown(brightness * even);
+        let per_even = per_light * brightness;
+        let mixed = bare.per_exponent * rest + dark.per_exponent * coverage;
+        let mut of_light = [0.0; OF_LIGHT];
+        of_light[BARE] = per_even * bare.per_grey * rest;
+        of_light[SLOPE[0]] = per_light * even * x;
+        of_light[SLOPE[1]] = per_light * even * y;
+        of_light[DARK] = per_even * dark.per_grey * coverage;
+        of_light[TONE] = per_exponent + per_even * mixed;
+        let of_coverage = per_even * (dark.light - bare.light);
+        Predicted {
+            grey,
+            of_light,
+            of_coverage,
+            weight: self.even_error / (1.0 + self.error_per_slope2 * of_coverage * of_coverage),
+        }
     }
 }
 
@@ -56,13 +158,13 @@ pub(super) trait Model<const N: usize>: Copy {
     /// Calls `found` with every sample on the plate that counts.
     fn each_sample(&self, view: &View<'_>, found: impl FnMut(Sample));
 
-    /// The equations of a round, from all samples.
-    fn normal(&self, view: &View<'_>) -> Normal<N>;
+    /// The equations of a round, from all samples. `noise` is that of a sample.
+    fn normal(&self, view: &View<'_>, noise: f32) -> Normal<N>;
 
-    /// Adds what is known before the fit. `variance` is that of a sample.
+    /// Adds what is known of the plate before the fit. `variance` is that of a sample.
     fn expect(&self, start: &Self, prior: &Prior, variance: f64, normal: &mut Normal<N>);
 
-    /// Adds a step, limited to what the equations are good for.
+    /// Adds a step of all unknowns but the light, limited to what the equations are good for.
     fn take(&mut self, step: &[f64; N]);
 
     /// Whether no further step is needed after this one.
@@ -99,8 +201,10 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
         let last_view = round >= COARSE_ROUNDS || coarse.block_px == fine.block_px;
         let view = if last_view { fine } else { coarse };
         let block_px = view.block_px;
-        let noise = f64::from(prior.noise / block_px as f32);
-        let mut normal = model.normal(view);
+        let of_pixels = prior.noise / block_px as f32;
+        let of_coverage = COVERAGE_SIGMA * model.light().contrast();
+        let noise = f64::from(libm::hypotf(of_pixels, of_coverage));
+        let mut normal = model.normal(view, of_pixels);
         let n = normal.n;
         if n < N as f32 + 3.0 {
             return None;
@@ -117,6 +221,9 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
         }
         before = if last_view { left } else { f32::INFINITY };
         model.expect(&start, prior, variance, &mut normal);
+        let off = model.light().tone - prior.tone;
+        let sigma = f64::from(prior.tone_sigma);
+        normal.expect(TONE, off, variance / (sigma * sigma));
         let squares = normal.squares;
         let Solution {
             step,
@@ -127,6 +234,7 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
             return None;
         }
         let small = last_view && model.is_small(&step);
+        model.light_mut().take(&step);
         model.take(&step);
         if !model.is_near(&start) {
             return None;
@@ -150,26 +258,31 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
 /// The model with least-squares light and contrast, without a slope, and the variance of the
 /// coverage. `None` if the shape is not darker than its plate.
 fn lit<const N: usize, M: Model<N>>(mut model: M, view: &View<'_>) -> Option<(M, f64)> {
-    // Sums of 1, coverage, its square, grey, grey times coverage.
+    // Sums of 1, coverage, its square, light, light times coverage.
     let mut sums = [0.0f32; 5];
     model.each_sample(view, |sample| {
         let Sample { weight, grey, .. } = sample;
         let t = sample.coverage[0];
-        for (sum, moment) in sums.iter_mut().zip([1.0, t, t * t, grey, grey * t]) {
+        let light = view.curve.light(grey);
+        for (sum, moment) in sums.iter_mut().zip([1.0, t, t * t, light, light * t]) {
             *sum += weight * moment;
         }
     });
-    let [n, t, tt, g, gt] = sums.map(f64::from);
+    let [n, t, tt, l, lt] = sums.map(f64::from);
     let determinant = n * tt - t * t;
     if n < N as f64 || determinant < 1e-3 * n * n {
         return None;
     }
-    let light = (g * tt - gt * t) / determinant;
-    let dark = (g * t - n * gt) / determinant;
-    *model.light_mut() = Light {
-        bare: light as f32,
-        slope: [0.0; 2],
-        share: (dark / light) as f32,
+    let bare = (l * tt - lt * t) / determinant;
+    let share = (l * t - n * lt) / determinant;
+    let bare_grey = view.curve.grey(bare as f32);
+    let light = Light {
+        bare: bare_grey,
+        // Most noise is that of the plate, and may exceed what a dark shape shows.
+        dark: view.curve.grey((bare - share) as f32).max(-0.2 * bare_grey),
+        ..*model.light()
     };
-    (light > 1.0 && dark > 0.05 * light).then_some((model, determinant / (n * n)))
+    *model.light_mut() = light;
+    let is_dark = light.bare > 1.0 && light.contrast() > 0.05 * light.bare;
+    is_dark.then_some((model, determinant / (n * n)))
 }

@@ -58,7 +58,17 @@ fn layers(samples: &[f32]) -> Layers<'_> {
 }
 
 /// A plate in light that increases to the right, on a background of another grey level.
-fn picture(size: Size, pose: &Pose, mut noise: impl FnMut() -> f32) -> Vec<u8> {
+fn picture(size: Size, pose: &Pose, noise: impl FnMut() -> f32) -> Vec<u8> {
+    picture_with(&ToneCurve::new(1.0), size, pose, noise)
+}
+
+/// The same as a camera with a tone curve shows it.
+fn picture_with(
+    tone: &ToneCurve,
+    size: Size,
+    pose: &Pose,
+    mut noise: impl FnMut() -> f32,
+) -> Vec<u8> {
     let (sin, cos) = pose.turn_rad.sin_cos();
     let spread = (pose.blur_px * pose.blur_px + PIXEL_VARIANCE).sqrt() / pose.plate_px;
     (0..size.area())
@@ -69,12 +79,12 @@ fn picture(size: Size, pose: &Pose, mut noise: impl FnMut() -> f32) -> Vec<u8> {
             ];
             let u = (cos * dx + sin * dy) / pose.plate_px;
             let v = (cos * dy - sin * dx) / pose.plate_px;
-            let grey = if u.abs().max(v.abs()) > 0.5 {
+            let light = if u.abs().max(v.abs()) > 0.5 {
                 90.0
             } else {
                 (200.0 + 0.3 * dx) * (1.0 - 0.8 * coverage(u, v, spread))
             };
-            (grey + noise()).round().clamp(0.0, 255.0) as u8
+            (tone.grey(light) + noise()).round().clamp(0.0, 255.0) as u8
         })
         .collect()
 }
@@ -88,6 +98,8 @@ const PRIOR: Prior = Prior {
     noise: 0.3,
     blur_ln_sigma: 0.35,
     plate_ln_sigma: 0.1,
+    tone: 1.0,
+    tone_sigma: 0.05,
     residual_ratio_max: 0.04,
 };
 
@@ -136,6 +148,44 @@ fn the_pose_is_found_from_a_start_nearby() {
             "{plate_px}: {}",
             fit.residual
         );
+    }
+}
+
+#[test]
+fn a_tone_curve_is_found_with_the_pose() {
+    let samples = samples();
+    for (i, (exponent, plate_px)) in [(0.42, 20.0), (0.6, 30.0), (0.45, 60.0), (0.45, 100.0)]
+        .into_iter()
+        .enumerate()
+    {
+        let truth = Pose {
+            centre: [88.3 + 0.11 * i as f32, 84.8],
+            turn_rad: 0.9 * i as f32 - 2.0,
+            plate_px,
+            blur_px: 0.8,
+        };
+        let plane = picture_with(&ToneCurve::new(exponent), SIZE, &truth, || 0.0);
+        let unknown = Prior {
+            tone: 0.75,
+            tone_sigma: 0.3,
+            ..PRIOR
+        };
+        let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &unknown)
+            .unwrap_or_else(|| panic!("{exponent}: a plate that is there"));
+        let off =
+            (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+        // Blocks of a large plate are averaged with the expected curve.
+        assert!((fit.tone - exponent).abs() < 0.05, "{}", fit.tone);
+        assert!(off < 0.02, "{exponent}: {off} px");
+        // A linear camera would have another picture.
+        let linear = Prior {
+            tone: 1.0,
+            tone_sigma: 1e-3,
+            ..PRIOR
+        };
+        let other = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &linear);
+        let is_worse = other.is_none_or(|other| other.residual > 1.5 * fit.residual);
+        assert!(is_worse || fit.block_px > 1, "{exponent}");
     }
 }
 

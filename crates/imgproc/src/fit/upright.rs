@@ -1,19 +1,17 @@
 //! A plate that the camera sees at a right angle: a square in the picture.
 
-use super::descent::{Light, Model};
+use super::descent::{Light, Model, OF_LIGHT};
 use super::equations::{Batch, Normal};
 use super::view::{Footprint, Place, Sample, View};
 use super::{LAST_STEP_BLUR, LAST_STEP_PX, Pose, Prior};
 
-/// Unknowns: light, its slope in x and y, contrast, x, y, turn, and the logarithms of size and
-/// blur.
-pub(super) const UNKNOWNS: usize = 9;
-const CONTRAST: usize = 3;
-pub(super) const X: usize = 4;
-pub(super) const Y: usize = 5;
-pub(super) const TURN: usize = 6;
-const SIZE: usize = 7;
-pub(super) const BLUR: usize = 8;
+/// Unknowns: those of the light, x, y, turn, and the logarithms of size and blur.
+pub(super) const UNKNOWNS: usize = OF_LIGHT + 5;
+pub(super) const X: usize = OF_LIGHT;
+pub(super) const Y: usize = X + 1;
+pub(super) const TURN: usize = X + 2;
+const SIZE: usize = X + 3;
+pub(super) const BLUR: usize = X + 4;
 
 /// Light and pose.
 #[derive(Debug, Clone, Copy)]
@@ -23,9 +21,9 @@ pub(super) struct Upright {
 }
 
 impl Upright {
-    pub(super) fn new(pose: Pose) -> Self {
+    pub(super) fn new(pose: Pose, tone: f32) -> Self {
         Self {
-            light: Light::default(),
+            light: Light::new(tone),
             pose,
         }
     }
@@ -73,18 +71,14 @@ impl Model<UNKNOWNS> for Upright {
         view.each_sample(footprint, blur_px, &blend, place, found);
     }
 
-    fn normal(&self, view: &View<'_>) -> Normal<UNKNOWNS> {
+    fn normal(&self, view: &View<'_>, noise: f32) -> Normal<UNKNOWNS> {
         let Pose {
             centre,
             turn_rad,
             plate_px,
             blur_px,
         } = self.pose;
-        let Light {
-            bare: bare_light,
-            slope: light_slope,
-            share,
-        } = self.light;
+        let light = self.light.shown(noise);
         let (sin, cos) = libm::sincosf(turn_rad);
         let per_px = 1.0 / plate_px;
         let from_origin = [0, 1].map(|i| centre[i] - view.origin[i]);
@@ -95,25 +89,20 @@ impl Model<UNKNOWNS> for Upright {
         self.each_sample(view, |sample| {
             let [t, tu, tv, tblur] = sample.coverage;
             let Sample { u, v, .. } = sample;
-            let slope = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) * per_px);
-            let light = bare_light + light_slope[0] * slope[0] + light_slope[1] * slope[1];
-            let bare = 1.0 - share * t;
-            let dark = -light * share;
-            let derivatives = [
-                bare,
-                slope[0] * bare,
-                slope[1] * bare,
-                -light * t,
-                dark * (sin * tv - cos * tu) * per_px,
-                dark * (-sin * tu - cos * tv) * per_px,
-                dark * (tu * v - tv * u),
-                dark * (-tu * u - tv * v - tblur),
-                dark * tblur * lens_share,
-            ];
+            let place = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) * per_px);
+            let predicted = light.predict(t, place);
+            let dark = predicted.of_coverage;
+            let mut derivatives = [0.0; UNKNOWNS];
+            derivatives[..OF_LIGHT].copy_from_slice(&predicted.of_light);
+            derivatives[X] = dark * (sin * tv - cos * tu) * per_px;
+            derivatives[Y] = dark * (-sin * tu - cos * tv) * per_px;
+            derivatives[TURN] = dark * (tu * v - tv * u);
+            derivatives[SIZE] = dark * (-tu * u - tv * v - tblur);
+            derivatives[BLUR] = dark * tblur * lens_share;
             batch.push(
-                sample.weight,
+                sample.weight * predicted.weight,
                 derivatives,
-                sample.grey - light * bare,
+                sample.grey - predicted.grey,
                 &mut normal,
             );
         });
@@ -143,7 +132,6 @@ impl Model<UNKNOWNS> for Upright {
 
     fn take(&mut self, step: &[f64; UNKNOWNS]) {
         let step = step.map(|s| s as f32);
-        self.light.take([step[0], step[1], step[2], step[CONTRAST]]);
         let pose = &mut self.pose;
         let reach = (0.15 * pose.plate_px).min(2.0);
         pose.centre[0] += step[X].clamp(-reach, reach);

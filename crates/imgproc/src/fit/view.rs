@@ -3,6 +3,7 @@
 use super::Within;
 use super::layers::{Blend, Layers};
 use crate::Size;
+use crate::tone::ToneCurve;
 
 /// Pixels closer to the plate's border than this many blurs do not count.
 const BORDER_BLURS: f32 = 1.8;
@@ -18,6 +19,9 @@ pub(super) struct View<'a> {
     pub(super) layers: Layers<'a>,
     /// Side of a block, in pixels.
     pub(super) block_px: usize,
+    /// The expected tone curve, and the light of every grey level with it if blocks are averaged.
+    pub(super) curve: ToneCurve,
+    pub(super) light: [f32; 256],
     /// Where the slope of the light is zero.
     pub(super) origin: [f32; 2],
 }
@@ -122,20 +126,21 @@ impl View<'_> {
         }
     }
 
-    /// Mean of a block's pixels.
+    /// Grey level of a block's mean light.
     fn grey(&self, column: usize, row: usize) -> f32 {
         let n = self.block_px;
         if n == 1 {
             return f32::from(self.plane[row * self.size.width + column]);
         }
-        let mut sum = 0;
+        let mut sum = 0.0;
         for y in row * n..(row + 1) * n {
             let start = y * self.size.width + column * n;
-            sum += self.plane[start..start + n]
+            let pixels = &self.plane[start..start + n];
+            sum += pixels
                 .iter()
-                .map(|&grey| u32::from(grey))
-                .sum::<u32>();
+                .map(|&grey| self.light[usize::from(grey)])
+                .sum::<f32>();
         }
-        sum as f32 / (n * n) as f32
+        self.curve.grey(sum / (n * n) as f32)
     }
 }
