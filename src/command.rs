@@ -4,6 +4,7 @@ pub mod background;
 mod man;
 mod markers;
 mod service;
+mod signals;
 pub mod watch;
 
 use std::io::{self, Write};
@@ -12,7 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::Context;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+use signal_hook::consts::SIGUSR1;
 
 use crate::camera::devices;
 use crate::cli::Command;
@@ -35,14 +36,7 @@ use crate::source::is_recording;
 /// The reason for the failure, in one line.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<Completion> {
     let cli = &arguments.cli;
-    let stop = Arc::new(AtomicBool::new(false));
-    let hang_up = (!ignores(SIGHUP)).then_some(SIGHUP);
-    for signal in [SIGINT, SIGTERM].into_iter().chain(hang_up) {
-        // A second Ctrl-C ends the program immediately if the first one has no effect.
-        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
-            .context("signals")?;
-        signal_hook::flag::register(signal, Arc::clone(&stop)).context("signals")?;
-    }
+    let stop = signals::stop_flag().context("signals")?;
     // Registered for every command, so that the signal does not end those that do not use it.
     let relearn = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGUSR1, Arc::clone(&relearn)).context("signals")?;
@@ -109,17 +103,6 @@ fn recover_file(file: &Path, output: &Path, out: &mut impl Write) -> anyhow::Res
         counted(report.damaged, "damaged record")
     )
     .context("standard output")
-}
-
-/// Whether the program was started with a signal ignored, as `nohup` does; it must then stay
-/// ignored.
-fn ignores(signal: i32) -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status
-        .lines()
-        .find_map(|line| line.strip_prefix("SigIgn:"))
-        .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
-    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 /// A closed pipe on standard output is not an error.

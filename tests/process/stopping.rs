@@ -34,6 +34,28 @@ fn an_interrupted_recording_is_complete() {
     }
 }
 
+/// `timeout` sends its signal to the program and to its group.
+#[test]
+fn a_signal_that_comes_twice_at_once_is_one() {
+    let folder = folder();
+    for file in ["first.mcap", "second.mcap", "third.mcap"] {
+        let running = Running::start(&mut overcam(
+            folder.path(),
+            &[&PLAIN[..], &["--json", "--record", file]].concat(),
+        ));
+        let mut lines: Vec<String> = (0..5).map(|_| running.next_line()).collect();
+        let id = running.id();
+        let twice = format!("kill -INT {id}; sleep 0.02; kill -INT {id} 2>/dev/null; true");
+        let sent = Command::new("sh").args(["-c", &twice]).status();
+        assert!(sent.expect("sh runs").success());
+        let ended = running.end();
+        assert_eq!(ended.status, Some(0), "{:?}", ended.errors);
+        lines.extend(ended.lines);
+        let replayed = printed(folder.path(), &["--device", file, "--json", "--no-publish"]);
+        assert!(replayed == lines, "{} frames", replayed.len());
+    }
+}
+
 /// `nohup` starts a program with the signal ignored, so that it outlives its terminal.
 #[test]
 fn an_ignored_hangup_does_not_end_the_run() {
