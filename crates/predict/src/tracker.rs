@@ -134,7 +134,9 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         };
         let associations = associate(self.alive(), checked, taken, frame);
         let alive = &mut self.storage.as_mut()[..self.n_tracks];
-        for (track, association) in alive.iter_mut().zip(associations) {
+        let mut named = [None; MAX_TRACKS];
+        for ((track, association), named) in alive.iter_mut().zip(associations).zip(&mut named) {
+            let was_nameless = track.last_marker().is_none();
             match association {
                 Association::Missed => track.miss(frame),
                 Association::Own {
@@ -150,7 +152,9 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
                 }
                 Association::Merged(blob) => track.observe_merged(&blob, frame),
             }
+            *named = track.last_marker().filter(|_| was_nameless);
         }
+        self.restore_ids(&named);
         update.retired = self.retire();
         self.start_tracks(checked, taken, frame, &mut update);
         update
@@ -231,18 +235,50 @@ impl<S: AsRef<[Track]> + AsMut<[Track]>> Tracker<S> {
         }
     }
 
+    /// Gives tracks whose marker was read for the first time the ids that these robots had before:
+    /// a robot that comes into the picture is an object without a marker until its plate is
+    /// visible. A track of the robot that waits for it elsewhere ends.
+    fn restore_ids(&mut self, named: &[Option<u32>; MAX_TRACKS]) {
+        for (i, marker) in named.iter().enumerate() {
+            let Some(marker) = *marker else { continue };
+            let id = self.retired_id(marker).or_else(|| {
+                let mut others = self.storage.as_mut()[..self.n_tracks].iter_mut();
+                let waits =
+                    |track: &&mut Track| track.misses() > 0 && track.last_marker() == Some(marker);
+                others.find(waits).map(|track| {
+                    track.end();
+                    track.id()
+                })
+            });
+            if let Some(id) = id {
+                self.storage.as_mut()[i].rename(id);
+            }
+        }
+        let tracks = &mut self.storage.as_mut()[..self.n_tracks];
+        for i in 1..tracks.len() {
+            let id = tracks[i].id();
+            let position = tracks[..i].partition_point(|track| track.id() <= id);
+            tracks[position..=i].rotate_right(1);
+        }
+    }
+
     /// The id of a new track: the one that the robot with this marker had before, or the next one.
     fn id_for(&mut self, marker: Option<u32>) -> u64 {
+        marker
+            .and_then(|marker| self.retired_id(marker))
+            .unwrap_or_else(|| {
+                self.next_id += 1;
+                self.next_id - 1
+            })
+    }
+
+    /// The id that a retired robot with this marker had. It is no longer one of the retired.
+    fn retired_id(&mut self, marker: u32) -> Option<u64> {
         let robots = &mut self.retired_robots[..self.n_retired_robots];
-        if marker.is_some()
-            && let Some(i) = robots.iter().position(|robot| Some(robot.0) == marker)
-        {
-            let (_, id) = robots[i];
-            robots.copy_within(i + 1.., i);
-            self.n_retired_robots -= 1;
-            return id;
-        }
-        self.next_id += 1;
-        self.next_id - 1
+        let i = robots.iter().position(|robot| robot.0 == marker)?;
+        let (_, id) = robots[i];
+        robots.copy_within(i + 1.., i);
+        self.n_retired_robots -= 1;
+        Some(id)
     }
 }

@@ -260,6 +260,17 @@ impl Track {
         self.misses > settings.max_misses || (self.misses > 0 && !self.is_confirmed(settings))
     }
 
+    /// Lets the track be dropped, because another one continues it.
+    pub(crate) fn end(&mut self) {
+        self.misses = u32::MAX;
+        self.last_marker = None;
+    }
+
+    /// Gives it the id of the track that it continues.
+    pub(crate) fn rename(&mut self, id: u64) {
+        self.id = id;
+    }
+
     /// The object as observed in isolation.
     pub(crate) fn isolated(&self) -> &IsolatedView {
         &self.isolated

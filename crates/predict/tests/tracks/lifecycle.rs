@@ -283,6 +283,37 @@ fn an_object_in_the_place_of_a_robot_does_not_take_its_id() {
     assert_eq!(floor.ids(), [1, 2], "the bag has its own track");
 }
 
+/// A robot comes into the picture over its border: without its marker at first.
+#[test]
+fn a_robot_that_returns_over_the_border_keeps_its_id() {
+    let longest = u64::from(Floor::new().settings.max_misses);
+    // Its track is retired, or still waits for it where it left.
+    for away in [2 * longest, longest / 2] {
+        let mut floor = Floor::new();
+        let other = blob([400.0, 300.0]);
+        let x = |i: u64| 40.0 + 2.0 * i as f64;
+        for i in (0..20).rev() {
+            floor.observe(&[robot(3, [x(i), 50.0], 3.1), other]);
+        }
+        for _ in 0..away {
+            floor.observe(&[other]);
+        }
+        for i in 0..6 {
+            floor.observe(&[other, blob([x(i), 250.0])]);
+        }
+        assert_eq!(floor.ids().last(), Some(&3), "nobody knows it yet");
+        floor.observe(&[other, robot(3, [x(6), 250.0], 0.0)]);
+        assert_eq!(floor.ids(), [1, 2]);
+        assert_eq!(floor.track(1).marker(), Some(3));
+        floor.assert_at(1, [x(6), 250.0], 0.0);
+        assert_eq!(floor.track(2).marker(), None);
+        for i in 7..30 {
+            floor.observe(&[other, robot(3, [x(i), 250.0], 0.0)]);
+            assert_eq!(floor.ids(), [1, 2]);
+        }
+    }
+}
+
 #[test]
 fn two_robots_with_the_same_marker_have_two_tracks() {
     let mut floor = Floor::new();
