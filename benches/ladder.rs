@@ -37,7 +37,10 @@ const PRIOR: Prior = Prior {
     plate_ln_sigma: 0.1,
     tone: 1.0,
     tone_sigma: 0.05,
+    sharpening: 0.0,
+    sharpening_sigma: 0.05,
     residual_ratio_max: 0.04,
+    may_be_covered: false,
 };
 
 /// Coverage of a point by the shape through a lens. The edge profile is nearly that of a Gaussian.

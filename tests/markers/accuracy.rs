@@ -67,10 +67,11 @@ impl Score {
             disturbance,
             viewpoint,
             gamma,
+            sharpening,
         } = conditions;
         println!(
             "plate {plate_px} px, blur {blur_px} px, noise {noise}, slope {slope}, {disturbance:?}, {viewpoint:?}, \
-             gamma {gamma}: \
+             gamma {gamma}, sharpening {sharpening}: \
              recall {:.4}, centre {:.4} px, heading {:.3} deg; wrong names {}, half turns {}, \
              false markers {} of {}; inside the 95 % ellipse {:.1} %, heading {:.1} %",
             self.recall(),
@@ -274,6 +275,7 @@ pub(crate) const USUAL: Conditions = Conditions {
     disturbance: Disturbance::None,
     viewpoint: Viewpoint::ABOVE,
     gamma: 1.0,
+    sharpening: 0.0,
 };
 
 #[test]

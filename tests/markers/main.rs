@@ -4,10 +4,10 @@
 //! under test.
 
 mod accuracy;
+mod camera;
 mod disturbances;
 mod floorless;
 mod perspective;
 mod random;
 mod scene;
-mod tone;
 mod viewpoint;

@@ -11,7 +11,9 @@
 //! (u, v)      = (x - centre) / plate, rotated back by `turn`
 //! ```
 //!
-//! `tone` is the camera's tone curve ([`ToneCurve`]). Its exponent is unknown, too.
+//! `tone` is the camera's tone curve ([`ToneCurve`]). Its exponent is unknown, too. If the camera may
+//! sharpen its pictures, `grey` is increased by an unknown share of its difference from the same with
+//! more blur.
 //!
 //! A contour uses only the pixels that it passes through, and one number of each. The fit uses the
 //! information of every pixel about every unknown. The residual is noise if the shape is the right
@@ -36,7 +38,7 @@ use crate::tone::ToneCurve;
 use crate::{Bounds, Size, assert_len};
 
 use curved::Curved;
-use descent::{Fitted, Model, TONE, descend};
+use descent::{Fitted, Model, SHARPENING, TONE, descend};
 use upright::Upright;
 use view::View;
 
@@ -68,6 +70,9 @@ const COARSE_ACROSS: f32 = 12.0;
 /// Plates from this size on are fitted to blocks of pixels, so that a plate is never more than
 /// twice this many blocks across.
 pub const PLATE_BINNED_PX: f32 = 80.0;
+
+/// If less sharpening than this is expected, with less uncertainty, there is none.
+const SHARPENING_MIN: f32 = 0.06;
 
 /// Position and sharpness of a plate. Pixels of the plane, x right, y down; angles from +x towards
 /// +y.
@@ -121,9 +126,17 @@ pub struct Prior {
     pub tone: f32,
     /// Its standard deviation.
     pub tone_sigma: f32,
+    /// Expected sharpening by the camera: the share of the difference from a softer picture that it
+    /// adds.
+    pub sharpening: f32,
+    /// Its standard deviation.
+    pub sharpening_sigma: f32,
     /// Maximum residual besides noise if the shape is present: root mean square, as a share of the
     /// contrast. Fits that will not get near it are given up.
     pub residual_ratio_max: f32,
+    /// Whether something may cover a part of the plate. The start must then be right, because no
+    /// fit is given up.
+    pub may_be_covered: bool,
 }
 
 /// Result of a fit.
@@ -142,6 +155,9 @@ pub struct Fit {
     pub r_squared: f32,
     /// Number of pixels, or blocks, used.
     pub n: f32,
+    /// Shares of the pixels inside the plate and at its rim that do not show it, 0 to 1. Zero unless
+    /// it may be covered.
+    pub hidden: [f32; 2],
     /// Side of a block in pixels: 1 if single pixels were used.
     pub block_px: usize,
     /// Covariance of x, y and turn, from the noise of the prior or the residual, whichever is
@@ -153,6 +169,10 @@ pub struct Fit {
     pub tone: f32,
     /// Its variance.
     pub tone_variance: f32,
+    /// Sharpening by the camera.
+    pub sharpening: f32,
+    /// Its variance.
+    pub sharpening_variance: f32,
 }
 
 /// What is known of the picture of a plate before [`fit_curved_shape`].
@@ -209,14 +229,10 @@ pub fn fit_shape(
             layers,
             start.centre,
             start.plate_px / across,
-            prior.tone,
+            prior,
         )
     });
-    let fitted = descend(
-        Upright::new(start, prior.tone),
-        [&views[0], &views[1]],
-        prior,
-    )?;
+    let fitted = descend(Upright::new(start, prior), [&views[0], &views[1]], prior)?;
     let poses = [upright::X, upright::Y, upright::TURN];
     let covariance = poses.map(|i| poses.map(|k| fitted.covariance[i][k] as f32));
     Some(result(
@@ -256,10 +272,10 @@ pub fn fit_curved_shape(
             layers,
             start.origin,
             start.unit_px / across,
-            prior.tone,
+            prior,
         )
     });
-    let curved = Curved::new(start, expected.blur_px, prior.tone, *expected);
+    let curved = Curved::new(start, expected.blur_px, prior, *expected);
     descend(curved, [&views[0], &views[1]], prior).map(|fitted| curved_result(&fitted))
 }
 
@@ -280,17 +296,9 @@ pub fn refine_shape(
     expected: &StretchPrior,
 ) -> Option<CurvedFit> {
     let block_px = start.plate_px / (PLATE_BINNED_PX / 2.0);
-    let fine = view(
-        plane,
-        size,
-        within,
-        layers,
-        start.centre,
-        block_px,
-        prior.tone,
-    );
+    let fine = view(plane, size, within, layers, start.centre, block_px, prior);
     let map = PlateMap::upright(start);
-    let curved = Curved::new(map, start.blur_px, prior.tone, *expected);
+    let curved = Curved::new(map, start.blur_px, prior, *expected);
     descend(curved, [&fine, &fine], prior).map(|fitted| curved_result(&fitted))
 }
 
@@ -319,14 +327,14 @@ fn view<'a>(
     layers: Layers<'a>,
     origin: [f32; 2],
     block_px: f32,
-    tone: f32,
+    prior: &Prior,
 ) -> View<'a> {
     assert_len("plane", plane.len(), size);
     if let Some(Within { mask, bounds }) = within {
         assert_len("mask", mask.len(), bounds.size());
     }
     let block_px = block_px.max(1.0) as usize;
-    let curve = ToneCurve::new(tone);
+    let curve = ToneCurve::new(prior.tone);
     let mut light = [0.0; 256];
     if block_px > 1 {
         for (grey, light) in light.iter_mut().enumerate() {
@@ -340,6 +348,8 @@ fn view<'a>(
         layers,
         block_px,
         curve,
+        is_sharpened: prior.sharpening.abs() > SHARPENING_MIN
+            || prior.sharpening_sigma > SHARPENING_MIN,
         light,
         origin,
     }
@@ -360,11 +370,14 @@ fn result<M: Model<N>, const N: usize>(
         residual: libm::sqrt(fitted.left) as f32 * fitted.block_px as f32,
         r_squared: (shown / (shown + fitted.left)) as f32,
         n: fitted.n,
+        hidden: fitted.hidden,
         block_px: fitted.block_px,
         covariance,
         blur_ln_variance: fitted.covariance[blur][blur] as f32,
         tone: fitted.model.light().tone,
         tone_variance: fitted.covariance[TONE][TONE] as f32,
+        sharpening: fitted.model.light().sharpening,
+        sharpening_variance: fitted.covariance[SHARPENING][SHARPENING] as f32,
     }
 }
 

@@ -1,7 +1,8 @@
 //! A plate that is seen at an angle or through a wide lens.
 
-use super::descent::{Light, Model, OF_LIGHT};
+use super::descent::{Deviation, Light, Model, OF_LIGHT};
 use super::equations::{Batch, Normal};
+use super::layers::Blend;
 use super::plate_map::{PlateMap, TERMS, product, terms};
 use super::view::{Footprint, Place, Sample, View};
 use super::{LAST_STEP_BLUR, Prior, StretchPrior};
@@ -45,13 +46,18 @@ pub(super) struct Curved {
 }
 
 impl Curved {
-    pub(super) fn new(mut map: PlateMap, blur_px: f32, tone: f32, expected: StretchPrior) -> Self {
+    pub(super) fn new(
+        mut map: PlateMap,
+        blur_px: f32,
+        prior: &Prior,
+        expected: StretchPrior,
+    ) -> Self {
         let curvature = expected_curvature(&map, &expected);
         for (factors, expected) in map.factors.iter_mut().zip(curvature) {
             factors[3..].copy_from_slice(&expected);
         }
         Self {
-            light: Light::new(tone),
+            light: Light::new(prior),
             map,
             blur_px,
             expected,
@@ -153,55 +159,71 @@ impl Model<UNKNOWNS> for Curved {
         let [[a, b], [c, d]] = slopes;
         let determinant = a * d - b * c;
         let plate_px = unit_px / libm::sqrtf(determinant);
-        let variance = view.blur_variance(self.blur_px) / (plate_px * plate_px);
-        let more = [
-            0.5 * variance * ((a * a + b * b) / determinant - 1.0),
-            variance * (a * c + b * d) / determinant,
-            0.5 * variance * ((c * c + d * d) / determinant - 1.0),
+        let of_shape = [
+            0.5 * ((a * a + b * b) / determinant - 1.0),
+            (a * c + b * d) / determinant,
+            0.5 * ((c * c + d * d) / determinant - 1.0),
         ];
-        let apart = BENDS_APART * libm::sqrtf(variance);
+        let blends = view.at_blur(self.blur_px, plate_px);
+        let flattened =
+            |blend: &Blend<'_>, variance: f32, coverage: &mut [f32; 4], at: [f32; 2]| {
+                let variance = variance / (plate_px * plate_px);
+                let bends = blend.bends(at[0], at[1], BENDS_APART * libm::sqrtf(variance));
+                let sum: f32 = of_shape.iter().zip(bends).map(|(o, b)| o * b).sum();
+                coverage[0] += variance * sum;
+            };
+        let variances = [
+            view.blur_variance(self.blur_px),
+            view.soft_variance(self.blur_px),
+        ];
         let [s, t] = self.map.stretch();
         let is_round = libm::hypotf(s, t) < ROUND;
-        let blend = view.at_blur(self.blur_px, plate_px);
         let footprint = Footprint {
             centre: origin,
             reach,
         };
-        view.each_sample(footprint, self.blur_px, &blend, place, |mut sample| {
+        let sharpening = self.light.sharpening;
+        let each = |mut sample: Sample| {
             if !is_round {
-                let bends = blend.bends(sample.u, sample.v, apart);
-                sample.coverage[0] += more.iter().zip(bends).map(|(m, b)| m * b).sum::<f32>();
+                let at = [sample.u, sample.v];
+                flattened(&blends.own, variances[0], &mut sample.coverage, at);
+                if let (Some(blend), Some(soft)) = (&blends.soft, &mut sample.soft) {
+                    flattened(blend, variances[1], soft, at);
+                }
             }
             found(sample);
-        });
+        };
+        view.each_sample(footprint, self.blur_px, sharpening, &blends, place, each);
     }
 
-    fn normal(&self, view: &View<'_>, noise: f32) -> Normal<UNKNOWNS> {
-        let light = self.light.shown(noise);
+    fn normal(&self, view: &View<'_>, deviation: Deviation) -> Normal<UNKNOWNS> {
+        let light = self.light.shown(deviation.noise, view.softer(self.blur_px));
         let per_unit = 1.0 / self.map.unit_px;
-        let lens_share = self.blur_px * self.blur_px / view.blur_variance(self.blur_px);
+        let lens_shares = view.lens_shares(self.blur_px);
         let mut normal = Normal::new();
-        let mut batch = Batch::new();
+        let mut batch = Batch::new(deviation.tolerance);
         self.each_sample(view, |sample| {
-            let [t, tu, tv, tblur] = sample.coverage;
             let terms = terms(
                 sample.from_centre[0] * per_unit,
                 sample.from_centre[1] * per_unit,
             );
             let [_, x, y, ..] = terms;
-            let predicted = light.predict(t, [x, y]);
-            let dark = predicted.of_coverage;
+            let predicted = light.predict(&sample, [x, y]);
+            let blurs = sample.rates(3);
+            let of_lens = [0, 1].map(|i| blurs[i] * lens_shares[i]);
             let mut derivatives = [0.0; UNKNOWNS];
             derivatives[..OF_LIGHT].copy_from_slice(&predicted.of_light);
-            derivatives[BLUR] = dark * tblur * lens_share;
-            for (first, slope) in FACTORS.into_iter().zip([tu, tv]) {
+            derivatives[BLUR] = predicted.of(of_lens);
+            for (first, of) in FACTORS.into_iter().zip([1, 2]) {
+                let slope = predicted.of(sample.rates(of));
                 for (derivative, term) in derivatives[first..].iter_mut().zip(terms) {
-                    *derivative = dark * slope * term;
+                    *derivative = slope * term;
                 }
             }
             let residual = sample.grey - predicted.grey;
             batch.push(
                 sample.weight * predicted.weight,
+                sample.is_rim,
                 derivatives,
                 residual,
                 &mut normal,

@@ -19,22 +19,32 @@ const GIVE_UP_PROMISED: f32 = 4.5;
 /// excess.
 const PROGRESS_MIN: f32 = 0.1;
 
+/// Samples of a plate that may be covered belong to it within this many times the permitted
+/// residual. The first rounds tolerate this share of the contrast, and half of it with each further
+/// round.
+const COVERED_TOLERANCE: f32 = 2.0;
+const FIRST_TOLERANCE: f32 = 0.5;
+
 /// Number of rounds with the coarse view.
 const COARSE_ROUNDS: usize = 2;
 
 /// Number of unknowns of [`Light`], the first ones of every model: grey level of the bare plate, slope
-/// of the light in x and y, grey level of the shape, exponent of the tone curve.
-pub(super) const OF_LIGHT: usize = 5;
+/// of the light in x and y, grey level of the shape, exponent of the tone curve, sharpening.
+pub(super) const OF_LIGHT: usize = 6;
 const BARE: usize = 0;
 const SLOPE: [usize; 2] = [1, 2];
 const DARK: usize = 3;
 pub(super) const TONE: usize = 4;
+pub(super) const SHARPENING: usize = 5;
 
 /// Standard deviation of the coverage, as it is interpolated between samples and blurs.
 const COVERAGE_SIGMA: f32 = 0.006;
 
 /// Range of the exponent.
 const TONE_RANGE: [f32; 2] = [0.3, 1.4];
+
+/// Range of the sharpening.
+const SHARPENING_RANGE: [f32; 2] = [-0.4, 4.0];
 
 /// Light on a plate, and how the camera shows it.
 #[derive(Debug, Clone, Copy)]
@@ -47,22 +57,39 @@ pub(super) struct Light {
     slope: [f32; 2],
     /// Exponent of the tone curve.
     pub(super) tone: f32,
+    /// Share of the difference from a softer picture that the camera adds.
+    pub(super) sharpening: f32,
 }
 
 impl Light {
     /// White and black, until they are known.
-    pub(super) fn new(tone: f32) -> Self {
+    pub(super) fn new(prior: &Prior) -> Self {
         Self {
             bare: 255.0,
             dark: 0.0,
             slope: [0.0; 2],
-            tone,
+            tone: prior.tone,
+            sharpening: prior.sharpening,
         }
     }
 
     /// Difference between the plate and the shape, in grey levels.
     pub(super) fn contrast(&self) -> f32 {
         self.bare - self.dark
+    }
+
+    /// Adds what is known of the camera before the fit. `variance` is that of a sample.
+    fn expect<const N: usize>(&self, prior: &Prior, variance: f64, normal: &mut Normal<N>) {
+        for (unknown, off, sigma) in [
+            (TONE, self.tone - prior.tone, prior.tone_sigma),
+            (
+                SHARPENING,
+                self.sharpening - prior.sharpening,
+                prior.sharpening_sigma,
+            ),
+        ] {
+            normal.expect(unknown, off, variance / f64::from(sigma * sigma));
+        }
     }
 
     /// Adds a step of the unknowns.
@@ -73,57 +100,54 @@ impl Light {
         for (slope, unknown) in self.slope.iter_mut().zip(SLOPE) {
             *slope += step(unknown);
         }
-        let [min, max] = TONE_RANGE;
-        self.tone = (self.tone + step(TONE).clamp(-0.2, 0.2)).max(min).min(max);
+        // Unlike `clamp`, also for a step that is not a number.
+        let moved = |value: f32, step: f32, [min, max]: [f32; 2]| (value + step).max(min).min(max);
+        self.tone = moved(self.tone, step(TONE).clamp(-0.2, 0.2), TONE_RANGE);
+        let step = step(SHARPENING).clamp(-0.7, 0.7);
+        self.sharpening = moved(self.sharpening, step, SHARPENING_RANGE);
     }
 
-    /// What it shows, ready for many samples with this noise.
-    pub(super) fn shown(&self, noise: f32) -> ShownLight {
-        let curve = ToneCurve::new(self.tone);
+    /// What it shows, ready for many samples with this noise. `softer` is the ratio of the blurs of
+    /// the picture and the softer one that sharpening compares it with.
+    pub(super) fn shown(&self, noise: f32, softer: f32) -> ShownLight {
         let error_per_slope2 = COVERAGE_SIGMA * COVERAGE_SIGMA / (noise * noise);
         let contrast = self.contrast();
+        // A blur of grey levels moves no edge, unlike one of the light. In units of the softer blur,
+        // the edge is off by less: as with a curve that is nearer to a line.
+        let soft_tone = 1.0 + (self.tone - 1.0) * softer;
         ShownLight {
-            curve,
-            bare: curve.lit(self.bare),
-            dark: curve.lit(self.dark),
+            own: Levels::new(self, self.tone),
+            soft: Levels::new(self, soft_tone),
+            softer,
             slope: self.slope,
+            sharpening: self.sharpening,
             error_per_slope2,
             even_error: 1.0 + error_per_slope2 * contrast * contrast,
         }
     }
 }
 
-/// Predicts grey levels.
-pub(super) struct ShownLight {
+/// Light of plate and shape with a tone curve.
+struct Levels {
     curve: ToneCurve,
     bare: Lit,
     dark: Lit,
-    slope: [f32; 2],
-    /// Variance from errors of the coverage, relative to that of the noise: per square of the grey
-    /// levels per coverage; and the total of both with a linear curve.
-    error_per_slope2: f32,
-    even_error: f32,
 }
 
-/// A predicted grey level with its derivatives.
-pub(super) struct Predicted {
-    pub(super) grey: f32,
-    pub(super) of_light: [f32; OF_LIGHT],
-    pub(super) of_coverage: f32,
-    /// 1 for a linear curve. Less where a curve is so steep that errors of the coverage exceed the
-    /// noise: in the dark.
-    pub(super) weight: f32,
-}
+impl Levels {
+    fn new(light: &Light, exponent: f32) -> Self {
+        let curve = ToneCurve::new(exponent);
+        Self {
+            curve,
+            bare: curve.lit(light.bare),
+            dark: curve.lit(light.dark),
+        }
+    }
 
-impl ShownLight {
-    /// The grey level of a pixel that the shape covers by a share, at a place in units of the
-    /// plate's side.
+    /// The grey level of a pixel that the shape covers by a share.
     #[inline(always)]
-    pub(super) fn predict(&self, coverage: f32, [x, y]: [f32; 2]) -> Predicted {
-        let Self {
-            curve, bare, dark, ..
-        } = self;
-        let brightness = 1.0 + self.slope[0] * x + self.slope[1] * y;
+    fn mixed(&self, coverage: f32, brightness: f32, [x, y]: [f32; 2]) -> Mixed {
+        let Self { curve, bare, dark } = self;
         let rest = 1.0 - coverage;
         let even = bare.light * rest + dark.light * coverage;
         let Shown {
@@ -139,14 +163,102 @@ impl ShownLight {
         of_light[SLOPE[1]] = per_light * even * y;
         of_light[DARK] = per_even * dark.per_grey * coverage;
         of_light[TONE] = per_exponent + per_even * mixed;
-        let of_coverage = per_even * (dark.light - bare.light);
+        Mixed {
+            grey,
+            of_light,
+            of_coverage: per_even * (dark.light - bare.light),
+        }
+    }
+}
+
+/// A grey level with its derivatives.
+struct Mixed {
+    grey: f32,
+    of_light: [f32; OF_LIGHT],
+    of_coverage: f32,
+}
+
+/// Predicts grey levels.
+pub(super) struct ShownLight {
+    own: Levels,
+    soft: Levels,
+    softer: f32,
+    slope: [f32; 2],
+    sharpening: f32,
+    /// Variance from errors of the coverage, relative to that of the noise: per square of the grey
+    /// levels per coverage; and the total of both with a linear curve.
+    error_per_slope2: f32,
+    even_error: f32,
+}
+
+/// A predicted grey level with its derivatives.
+pub(super) struct Predicted {
+    pub(super) grey: f32,
+    pub(super) of_light: [f32; OF_LIGHT],
+    /// Derivatives with respect to the coverage, and to that of the softer picture.
+    of_coverage: [f32; 2],
+    /// 1 for a linear curve. Less where a curve is so steep that errors of the coverage exceed the
+    /// noise: in the dark.
+    pub(super) weight: f32,
+}
+
+impl Predicted {
+    /// Derivative with respect to something that changes the coverages at these rates.
+    #[inline(always)]
+    pub(super) fn of(&self, [own, soft]: [f32; 2]) -> f32 {
+        self.of_coverage[0] * own + self.of_coverage[1] * soft
+    }
+}
+
+impl ShownLight {
+    /// The grey level of a sample at a place in units of the plate's side.
+    #[inline(always)]
+    pub(super) fn predict(&self, sample: &Sample, place: [f32; 2]) -> Predicted {
+        let brightness = 1.0 + self.slope[0] * place[0] + self.slope[1] * place[1];
+        let Mixed {
+            mut grey,
+            mut of_light,
+            of_coverage,
+        } = self.own.mixed(sample.coverage[0], brightness, place);
+        let mut of_coverage = [of_coverage, 0.0];
+        if let Some(soft) = &sample.soft {
+            let soft = self.soft.mixed(soft[0], brightness, place);
+            let (own_share, soft_share) = (1.0 + self.sharpening, -self.sharpening);
+            let own = grey;
+            grey = own_share * own + soft_share * soft.grey;
+            // Overshoot ends at white and black.
+            let (top, bottom) = (own.max(255.0), own.min(0.0));
+            if grey > top || grey < bottom {
+                grey = grey.clamp(bottom, top);
+                of_light = [0.0; OF_LIGHT];
+                of_coverage = [0.0; 2];
+            } else {
+                for (own, soft) in of_light.iter_mut().zip(soft.of_light) {
+                    *own = own_share * *own + soft_share * soft;
+                }
+                // The exponent of the softer picture changes less.
+                of_light[TONE] += soft_share * (self.softer - 1.0) * soft.of_light[TONE];
+                of_light[SHARPENING] = own - soft.grey;
+                of_coverage = [own_share * of_coverage[0], soft_share * soft.of_coverage];
+            }
+        }
+        let slope = of_coverage[0] + of_coverage[1];
         Predicted {
             grey,
             of_light,
             of_coverage,
-            weight: self.even_error / (1.0 + self.error_per_slope2 * of_coverage * of_coverage),
+            weight: self.even_error / (1.0 + self.error_per_slope2 * slope * slope),
         }
     }
+}
+
+/// How far grey levels may be from those predicted.
+#[derive(Clone, Copy)]
+pub(super) struct Deviation {
+    /// Standard deviation of a sample.
+    pub(super) noise: f32,
+    /// Beyond this, a sample does not show the plate. Infinite if all samples do.
+    pub(super) tolerance: f32,
 }
 
 /// What predicts the grey levels of a plate, with `N` unknowns.
@@ -158,8 +270,8 @@ pub(super) trait Model<const N: usize>: Copy {
     /// Calls `found` with every sample on the plate that counts.
     fn each_sample(&self, view: &View<'_>, found: impl FnMut(Sample));
 
-    /// The equations of a round, from all samples. `noise` is that of a sample.
-    fn normal(&self, view: &View<'_>, noise: f32) -> Normal<N>;
+    /// The equations of a round, from all samples.
+    fn normal(&self, view: &View<'_>, deviation: Deviation) -> Normal<N>;
 
     /// Adds what is known of the plate before the fit. `variance` is that of a sample.
     fn expect(&self, start: &Self, prior: &Prior, variance: f64, normal: &mut Normal<N>);
@@ -186,6 +298,8 @@ pub(super) struct Fitted<M, const N: usize> {
     /// Number of samples, and the side of their blocks.
     pub(super) n: f32,
     pub(super) block_px: usize,
+    /// Shares of the samples inside and at the rim that do not show the plate.
+    pub(super) hidden: [f32; 2],
 }
 
 /// Fits a model, first to the coarse view, then to the fine one. `None` if the pixels do not
@@ -201,18 +315,28 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
         let last_view = round >= COARSE_ROUNDS || coarse.block_px == fine.block_px;
         let view = if last_view { fine } else { coarse };
         let block_px = view.block_px;
+        let contrast = model.light().contrast();
         let of_pixels = prior.noise / block_px as f32;
-        let of_coverage = COVERAGE_SIGMA * model.light().contrast();
-        let noise = f64::from(libm::hypotf(of_pixels, of_coverage));
-        let mut normal = model.normal(view, of_pixels);
+        let noise = f64::from(libm::hypotf(of_pixels, COVERAGE_SIGMA * contrast));
+        let residual_max = prior.residual_ratio_max * contrast;
+        let allowed = libm::hypot(noise, f64::from(residual_max));
+        let last_tolerance = COVERED_TOLERANCE * allowed as f32;
+        let tolerance = if prior.may_be_covered {
+            last_tolerance.max(FIRST_TOLERANCE * contrast / (1 << round) as f32)
+        } else {
+            f32::INFINITY
+        };
+        let deviation = Deviation {
+            noise: of_pixels,
+            tolerance,
+        };
+        let mut normal = model.normal(view, deviation);
         let n = normal.n;
         if n < N as f32 + 3.0 {
             return None;
         }
         let freedom = f64::from(n) - N as f64;
         let variance = (normal.squares / freedom).max(noise * noise);
-        let residual_max = prior.residual_ratio_max * model.light().contrast();
-        let allowed = libm::hypot(noise, f64::from(residual_max));
         let excess = |squares: f64| (libm::sqrt(squares.max(0.0) / freedom) / allowed) as f32;
         let left = excess(normal.squares);
         let stuck = left > GIVE_UP[3] && left > (1.0 - PROGRESS_MIN) * before;
@@ -221,10 +345,9 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
         }
         before = if last_view { left } else { f32::INFINITY };
         model.expect(&start, prior, variance, &mut normal);
-        let off = model.light().tone - prior.tone;
-        let sigma = f64::from(prior.tone_sigma);
-        normal.expect(TONE, off, variance / (sigma * sigma));
+        model.light().expect(prior, variance, &mut normal);
         let squares = normal.squares;
+        let hidden = normal.parts.map(|part| part.hidden_share());
         let Solution {
             step,
             taken,
@@ -233,7 +356,8 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
         if round == 0 && excess(squares - taken) > GIVE_UP_PROMISED {
             return None;
         }
-        let small = last_view && model.is_small(&step);
+        let is_decided = !prior.may_be_covered || tolerance <= last_tolerance;
+        let small = last_view && is_decided && model.is_small(&step);
         model.light_mut().take(&step);
         model.take(&step);
         if !model.is_near(&start) {
@@ -249,6 +373,7 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
                 covariance: inverse.map(|row| row.map(|c| variance * c)),
                 n,
                 block_px,
+                hidden,
             });
         }
     }
@@ -262,7 +387,9 @@ fn lit<const N: usize, M: Model<N>>(mut model: M, view: &View<'_>) -> Option<(M,
     let mut sums = [0.0f32; 5];
     model.each_sample(view, |sample| {
         let Sample { weight, grey, .. } = sample;
-        let t = sample.coverage[0];
+        let sharpening = model.light().sharpening;
+        let more = |soft: [f32; 4]| sharpening * (sample.coverage[0] - soft[0]);
+        let t = sample.coverage[0] + sample.soft.map_or(0.0, more);
         let light = view.curve.light(grey);
         for (sum, moment) in sums.iter_mut().zip([1.0, t, t * t, light, light * t]) {
             *sum += weight * moment;

@@ -10,6 +10,24 @@ pub(super) struct Normal<const N: usize> {
     pub(super) squares: f64,
     /// Sum of the weights.
     pub(super) n: f32,
+    /// Samples inside the plate and at its rim.
+    pub(super) parts: [Part; 2],
+}
+
+/// Samples of a part of the plate.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Part {
+    /// Sum of the weights without the doubt about samples with a large residual.
+    all: f32,
+    /// That of the samples that do not show the plate.
+    hidden: f32,
+}
+
+impl Part {
+    /// Share of the samples that do not show the plate.
+    pub(super) fn hidden_share(&self) -> f32 {
+        self.hidden / self.all.max(1.0)
+    }
 }
 
 pub(super) struct Solution<const N: usize> {
@@ -27,6 +45,7 @@ impl<const N: usize> Normal<N> {
             right: [0.0; N],
             squares: 0.0,
             n: 0.0,
+            parts: [Part::default(); 2],
         }
     }
 
@@ -77,11 +96,15 @@ pub(super) struct Batch<const N: usize> {
     residual: [f32; BATCH],
     weight: [f32; BATCH],
     len: usize,
+    /// One over the residual at which a sample counts a quarter.
+    per_tolerance: f32,
 }
 
 impl<const N: usize> Batch<N> {
-    pub(super) fn new() -> Self {
+    /// Samples with a residual far beyond `tolerance` hardly count.
+    pub(super) fn new(tolerance: f32) -> Self {
         Self {
+            per_tolerance: 1.0 / tolerance,
             derivatives: [[0.0; BATCH]; N],
             residual: [0.0; BATCH],
             weight: [0.0; BATCH],
@@ -93,6 +116,7 @@ impl<const N: usize> Batch<N> {
     pub(super) fn push(
         &mut self,
         weight: f32,
+        is_rim: bool,
         derivatives: [f32; N],
         residual: f32,
         normal: &mut Normal<N>,
@@ -101,8 +125,13 @@ impl<const N: usize> Batch<N> {
         for (row, derivative) in self.derivatives.iter_mut().zip(derivatives) {
             row[i] = derivative;
         }
+        let beyond = residual * self.per_tolerance;
+        let doubt = 1.0 + beyond * beyond;
+        let part = &mut normal.parts[usize::from(is_rim)];
+        part.all += weight;
+        part.hidden += if beyond.abs() > 1.0 { weight } else { 0.0 };
         self.residual[i] = residual;
-        self.weight[i] = weight;
+        self.weight[i] = weight / (doubt * doubt);
         self.len += 1;
         if self.len == BATCH {
             self.add_to(normal);

@@ -65,6 +65,24 @@ impl PlateMap {
         }
     }
 
+    /// The map of a plate with a stretch, as [`stretch`](Self::stretch) returns it.
+    #[must_use]
+    pub fn stretched(pose: &Pose, [s, t]: [f32; 2]) -> Self {
+        // The exponential of the symmetric matrix of the stretch, and its inverse.
+        let norm = libm::hypotf(s, t).max(1e-6);
+        let (cosh, sinh) = (libm::coshf(norm), libm::sinhf(norm) / norm);
+        let [to, back] = [sinh, -sinh].map(|d| [[cosh + d * s, d * t], [d * t, cosh - d * s]]);
+        let apply = |m: [[f32; 2]; 2], [x, y]: [f32; 2]| m.map(|row| row[0] * x + row[1] * y);
+        // The axis of the drawing keeps its direction in the picture.
+        let (sin, cos) = libm::sincosf(pose.turn_rad);
+        let [x, y] = apply(back, [-sin, cos]);
+        let length = libm::hypotf(x, y);
+        let (sin, cos) = (-x / length, y / length);
+        let [u, v] = [[cos, sin], [-sin, cos]].map(|axis| apply(to, axis));
+        let column = |axis: [f32; 2]| axis.map(|c| c * pose.plate_px);
+        Self::affine(pose.centre, [column(u), column(v)]).unwrap_or_else(|| Self::upright(pose))
+    }
+
     /// The plate's centre in the picture, in the polynomial's x and y.
     pub(super) fn centre(&self) -> [f32; 2] {
         let mut at = [0.0; 2];
@@ -135,6 +153,25 @@ impl PlateMap {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_stretched_map_has_its_pose_and_stretch() {
+        for (turn_rad, stretch) in [(0.4, [0.0, 0.0]), (-2.0, [0.2, -0.1]), (3.0, [-0.3, 0.3])] {
+            let pose = Pose {
+                centre: [40.0, 30.0],
+                turn_rad,
+                plate_px: 24.0,
+                blur_px: 0.6,
+            };
+            let map = PlateMap::stretched(&pose, stretch);
+            let found = map.pose(0.6);
+            assert!((found.turn_rad - turn_rad).abs() < 1e-4, "{found:?}");
+            assert!((found.plate_px - 24.0).abs() < 1e-3 && found.centre == pose.centre);
+            for (found, stretch) in map.stretch().into_iter().zip(stretch) {
+                assert!((found - stretch).abs() < 1e-3, "{found}, not {stretch}");
+            }
+        }
+    }
 
     #[test]
     fn pose_and_stretch_of_an_affine_map() {

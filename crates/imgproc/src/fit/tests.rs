@@ -100,7 +100,10 @@ const PRIOR: Prior = Prior {
     plate_ln_sigma: 0.1,
     tone: 1.0,
     tone_sigma: 0.05,
+    sharpening: 0.0,
+    sharpening_sigma: 0.05,
     residual_ratio_max: 0.04,
+    may_be_covered: false,
 };
 
 fn near(pose: &Pose) -> Pose {
@@ -186,6 +189,109 @@ fn a_tone_curve_is_found_with_the_pose() {
         let other = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &linear);
         let is_worse = other.is_none_or(|other| other.residual > 1.5 * fit.residual);
         assert!(is_worse || fit.block_px > 1, "{exponent}");
+    }
+}
+
+#[test]
+fn sharpening_is_found_with_the_pose() {
+    let samples = samples();
+    for (i, (sharpening, plate_px)) in [(0.5, 20.0), (1.5, 30.0), (2.0, 60.0)]
+        .into_iter()
+        .enumerate()
+    {
+        let truth = Pose {
+            centre: [88.3 + 0.11 * i as f32, 84.8],
+            turn_rad: 0.9 * i as f32 - 2.0,
+            plate_px,
+            blur_px: 0.8,
+        };
+        let softer = Pose {
+            blur_px: (truth.blur_px * truth.blur_px + 1.0).sqrt(),
+            ..truth
+        };
+        // Less contrast than there is in the other pictures, so that no overshoot is cut off.
+        let seen = |pose: &Pose| {
+            let plane = picture(SIZE, pose, || 0.0).into_iter();
+            plane.map(|grey| 60.0 + 0.5 * f32::from(grey))
+        };
+        let plane: Vec<u8> = seen(&truth)
+            .zip(seen(&softer))
+            .map(|(own, soft)| (own + sharpening * (own - soft)).round() as u8)
+            .collect();
+        let unknown = Prior {
+            noise: 1.0,
+            sharpening: 0.3,
+            sharpening_sigma: 0.5,
+            ..PRIOR
+        };
+        let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &unknown)
+            .unwrap_or_else(|| panic!("{sharpening}: a plate that is there"));
+        let off =
+            (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+        assert!(off < 0.02, "{sharpening}: {off} px");
+        let blurred = (fit.pose.blur_px / truth.blur_px - 1.0).abs();
+        assert!(blurred < 0.15, "{sharpening}: {}", fit.pose.blur_px);
+        let found = fit.sharpening / sharpening;
+        assert!(
+            (0.8..1.25).contains(&found),
+            "{sharpening}: {}",
+            fit.sharpening
+        );
+        assert!(fit.residual < 2.0, "{sharpening}: {}", fit.residual);
+    }
+}
+
+#[test]
+fn a_covered_plate_is_found_and_so_is_what_is_hidden() {
+    let samples = samples();
+    let truth = Pose {
+        centre: [88.3, 84.8],
+        turn_rad: 0.4,
+        plate_px: 30.0,
+        blur_px: 0.8,
+    };
+    let expected = Prior {
+        noise: 1.0,
+        plate_ln_sigma: 0.01,
+        may_be_covered: true,
+        ..PRIOR
+    };
+    let near = Pose {
+        centre: [truth.centre[0] + 0.4, truth.centre[1] - 0.3],
+        ..truth
+    };
+    let fit =
+        |plane: &[u8], prior: &Prior| fit_shape(plane, SIZE, None, layers(&samples), near, prior);
+    let off = |fit: &Fit| {
+        (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1])
+    };
+    let bare = picture(SIZE, &truth, || 0.0);
+    let whole = fit(&bare, &expected).expect("a plate that is there");
+    assert!(off(&whole) < 0.01, "{}", off(&whole));
+    assert_eq!(whole.hidden, [0.0; 2]);
+    // From a side of the plate, and in its middle.
+    for (from_x, to_x, inside, rim) in [
+        (96.0, 110.0, 0.1..0.3, 0.15..0.5),
+        (84.0, 92.0, 0.1..0.3, 0.0..0.02),
+    ] {
+        let is_middle = from_x < 90.0;
+        let mut plane = bare.clone();
+        for (i, pixel) in plane.iter_mut().enumerate() {
+            let [x, y] = [i % SIZE.width, i / SIZE.width].map(|c| c as f32);
+            let in_height = !is_middle || (y - truth.centre[1]).abs() < 9.0;
+            if (from_x..to_x).contains(&x) && in_height {
+                *pixel = 120;
+            }
+        }
+        let covered = fit(&plane, &expected).expect("enough of it is seen");
+        assert!(off(&covered) < 0.05, "{}", off(&covered));
+        assert!(inside.contains(&covered.hidden[0]), "{:?}", covered.hidden);
+        assert!(rim.contains(&covered.hidden[1]), "{:?}", covered.hidden);
+        let plain = Prior {
+            may_be_covered: false,
+            ..expected
+        };
+        assert!(fit(&plane, &plain).is_none_or(|fit| fit.residual > 2.0 * covered.residual));
     }
 }
 

@@ -1,6 +1,6 @@
 //! A plate that the camera sees at a right angle: a square in the picture.
 
-use super::descent::{Light, Model, OF_LIGHT};
+use super::descent::{Deviation, Light, Model, OF_LIGHT};
 use super::equations::{Batch, Normal};
 use super::view::{Footprint, Place, Sample, View};
 use super::{LAST_STEP_BLUR, LAST_STEP_PX, Pose, Prior};
@@ -21,9 +21,9 @@ pub(super) struct Upright {
 }
 
 impl Upright {
-    pub(super) fn new(pose: Pose, tone: f32) -> Self {
+    pub(super) fn new(pose: Pose, prior: &Prior) -> Self {
         Self {
-            light: Light::new(tone),
+            light: Light::new(prior),
             pose,
         }
     }
@@ -67,40 +67,43 @@ impl Model<UNKNOWNS> for Upright {
                 inside_px: half_px - off,
             }
         };
-        let blend = view.at_blur(blur_px, plate_px);
-        view.each_sample(footprint, blur_px, &blend, place, found);
+        let blends = view.at_blur(blur_px, plate_px);
+        let sharpening = self.light.sharpening;
+        view.each_sample(footprint, blur_px, sharpening, &blends, place, found);
     }
 
-    fn normal(&self, view: &View<'_>, noise: f32) -> Normal<UNKNOWNS> {
+    fn normal(&self, view: &View<'_>, deviation: Deviation) -> Normal<UNKNOWNS> {
         let Pose {
             centre,
             turn_rad,
             plate_px,
             blur_px,
         } = self.pose;
-        let light = self.light.shown(noise);
+        let light = self.light.shown(deviation.noise, view.softer(blur_px));
         let (sin, cos) = libm::sincosf(turn_rad);
         let per_px = 1.0 / plate_px;
         let from_origin = [0, 1].map(|i| centre[i] - view.origin[i]);
         // The pixel's own part of the blur does not change.
-        let lens_share = blur_px * blur_px / view.blur_variance(blur_px);
+        let lens_shares = view.lens_shares(blur_px);
         let mut normal = Normal::new();
-        let mut batch = Batch::new();
+        let mut batch = Batch::new(deviation.tolerance);
         self.each_sample(view, |sample| {
-            let [t, tu, tv, tblur] = sample.coverage;
             let Sample { u, v, .. } = sample;
             let place = [0, 1].map(|i| (sample.from_centre[i] + from_origin[i]) * per_px);
-            let predicted = light.predict(t, place);
-            let dark = predicted.of_coverage;
+            let predicted = light.predict(&sample, place);
+            let [of_u, of_v] = [1, 2].map(|of| predicted.of(sample.rates(of)));
+            let blurs = sample.rates(3);
+            let of_lens = [0, 1].map(|i| blurs[i] * lens_shares[i]);
             let mut derivatives = [0.0; UNKNOWNS];
             derivatives[..OF_LIGHT].copy_from_slice(&predicted.of_light);
-            derivatives[X] = dark * (sin * tv - cos * tu) * per_px;
-            derivatives[Y] = dark * (-sin * tu - cos * tv) * per_px;
-            derivatives[TURN] = dark * (tu * v - tv * u);
-            derivatives[SIZE] = dark * (-tu * u - tv * v - tblur);
-            derivatives[BLUR] = dark * tblur * lens_share;
+            derivatives[X] = (sin * of_v - cos * of_u) * per_px;
+            derivatives[Y] = (-sin * of_u - cos * of_v) * per_px;
+            derivatives[TURN] = of_u * v - of_v * u;
+            derivatives[SIZE] = -of_u * u - of_v * v - predicted.of(blurs);
+            derivatives[BLUR] = predicted.of(of_lens);
             batch.push(
                 sample.weight * predicted.weight,
+                sample.is_rim,
                 derivatives,
                 sample.grey - predicted.grey,
                 &mut normal,

@@ -8,6 +8,13 @@ use crate::tone::ToneCurve;
 /// Pixels closer to the plate's border than this many blurs do not count.
 const BORDER_BLURS: f32 = 1.8;
 
+/// Width of the rim of a plate, pixels. No figure reaches it on plates of 20 pixels and more.
+const RIM_PX: f32 = 1.5;
+
+/// Standard deviation of the blur that sharpening compares a picture with, pixels. Cameras combine
+/// three to five pixels in a row.
+const SHARPENING_RADIUS_PX: f32 = 1.0;
+
 /// Variance of the position within its pixel at which light arrives.
 pub(super) const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
 
@@ -21,6 +28,8 @@ pub(super) struct View<'a> {
     pub(super) block_px: usize,
     /// The expected tone curve, and the light of every grey level with it if blocks are averaged.
     pub(super) curve: ToneCurve,
+    /// Whether the camera may sharpen its pictures.
+    pub(super) is_sharpened: bool,
     pub(super) light: [f32; 256],
     /// Where the slope of the light is zero.
     pub(super) origin: [f32; 2],
@@ -30,6 +39,8 @@ pub(super) struct View<'a> {
 pub(super) struct Sample {
     /// 1, less at the border of the counted area.
     pub(super) weight: f32,
+    /// Whether it is near the border of the counted area.
+    pub(super) is_rim: bool,
     pub(super) grey: f32,
     /// From the plate's centre, in pixels.
     pub(super) from_centre: [f32; 2],
@@ -38,6 +49,22 @@ pub(super) struct Sample {
     pub(super) v: f32,
     /// Coverage, and its derivatives with respect to u, v and the logarithm of the blur.
     pub(super) coverage: [f32; 4],
+    /// The same with the blur that sharpening compares with.
+    pub(super) soft: Option<[f32; 4]>,
+}
+
+impl Sample {
+    /// Rates at which both coverages change with u, v or the logarithm of their blur: 1, 2 or 3.
+    #[inline(always)]
+    pub(super) fn rates(&self, of: usize) -> [f32; 2] {
+        [self.coverage[of], self.soft.map_or(0.0, |soft| soft[of])]
+    }
+}
+
+/// A shape at the blur of a picture, and at that of the softer one that sharpening compares it with.
+pub(super) struct Blends<'a> {
+    pub(super) own: Blend<'a>,
+    pub(super) soft: Option<Blend<'a>>,
 }
 
 /// The part of a picture that shows a plate.
@@ -64,10 +91,28 @@ impl View<'_> {
         blur_px * blur_px + PIXEL_VARIANCE * block * block
     }
 
+    /// The same for the softer picture that sharpening compares with.
+    pub(super) fn soft_variance(&self, blur_px: f32) -> f32 {
+        self.blur_variance(blur_px) + SHARPENING_RADIUS_PX * SHARPENING_RADIUS_PX
+    }
+
+    /// Ratio of the blurs of a sample and of the softer picture.
+    pub(super) fn softer(&self, blur_px: f32) -> f32 {
+        libm::sqrtf(self.blur_variance(blur_px) / self.soft_variance(blur_px))
+    }
+
+    /// How the logarithms of both blurs change with that of the lens.
+    pub(super) fn lens_shares(&self, blur_px: f32) -> [f32; 2] {
+        [self.blur_variance(blur_px), self.soft_variance(blur_px)].map(|v| blur_px * blur_px / v)
+    }
+
     /// The shape at a blur of the lens.
-    pub(super) fn at_blur(&self, blur_px: f32, plate_px: f32) -> Blend<'_> {
-        let spread_px = libm::sqrtf(self.blur_variance(blur_px));
-        self.layers.at_blur(spread_px / plate_px)
+    pub(super) fn at_blur(&self, blur_px: f32, plate_px: f32) -> Blends<'_> {
+        let at = |variance: f32| self.layers.at_blur(libm::sqrtf(variance) / plate_px);
+        Blends {
+            own: at(self.blur_variance(blur_px)),
+            soft: self.is_sharpened.then(|| at(self.soft_variance(blur_px))),
+        }
     }
 
     /// Calls `found` with every sample on the plate that counts. `place` locates a pixel, given
@@ -77,13 +122,22 @@ impl View<'_> {
         &self,
         footprint: Footprint,
         blur_px: f32,
-        blend: &Blend<'_>,
+        sharpening: f32,
+        blends: &Blends<'_>,
         place: impl Fn(f32, f32) -> Place,
         mut found: impl FnMut(Sample),
     ) {
         let Footprint { centre, reach } = footprint;
         let block = self.block_px as f32;
-        let border_px = BORDER_BLURS * libm::sqrtf(self.blur_variance(blur_px));
+        // The share of the softer picture in the sharpened one.
+        let soft_share = if self.is_sharpened && sharpening > 0.0 {
+            sharpening / (1.0 + sharpening)
+        } else {
+            0.0
+        };
+        let variance = self.blur_variance(blur_px);
+        let more = soft_share * (self.soft_variance(blur_px) - variance);
+        let border_px = BORDER_BLURS * libm::sqrtf(variance + more);
         let margin_px = (border_px + 0.5) as usize;
         let middle_px = self.block_px / 2;
         let per_block = 1.0 / block;
@@ -111,16 +165,19 @@ impl View<'_> {
                         continue;
                     }
                 }
-                let Some(coverage) = blend.coverage(u, v) else {
+                let Some(coverage) = blends.own.coverage(u, v) else {
                     continue;
                 };
+                let soft = blends.soft.as_ref().and_then(|blend| blend.coverage(u, v));
                 found(Sample {
                     weight: inside.min(1.0),
+                    is_rim: inside_px < border_px + RIM_PX,
                     grey: self.grey(column, row),
                     from_centre: [dx, dy],
                     u,
                     v,
                     coverage,
+                    soft,
                 });
             }
         }
