@@ -7,7 +7,7 @@ use fourier::contour::{Region, region};
 use imgproc::contour::{contour_capacity, fill_contour};
 use imgproc::{Bounds, Size};
 
-use crate::detection::known::{KnownMarkers, Reading};
+use crate::detection::known::{KNOWN_MAX, KnownMarkers, Reading};
 use crate::geometry::outline::{Outline, simplified};
 use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
@@ -15,7 +15,7 @@ use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::optics::{Imaging, Optics};
 use crate::marker::perspective::{Perspective, Vote};
 use crate::marker::search::{SearchScratch, find_figures};
-use crate::marker::{Family, Recognised, RecognitionSettings};
+use crate::marker::{Expected, Family, Recognised, RecognitionSettings};
 use crate::segmentation::SeenPlate;
 use crate::segmentation::shapes::{Shape, Shapes};
 
@@ -60,6 +60,10 @@ const SEARCHED_CONTRAST_MIN: f32 = 8.0;
 /// Maximum area of a robot, in areas of its plate.
 const ROBOT_PLATES: f64 = 6.0;
 
+/// Half the diagonal of a plate, in units of its side, and what an expected plate may be off.
+const HALF_DIAGONAL: f64 = 0.71;
+const EXPECTED_MARGIN_PX: f64 = 4.0;
+
 /// An object on the floor, in image coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Detection {
@@ -76,6 +80,11 @@ pub(crate) struct Detection {
 }
 
 impl Detection {
+    /// Whether the marker's plate lies at a pixel.
+    fn is_plate_at(&self, pixel: [f64; 2]) -> bool {
+        self.marker.is_some() && distance(self.centre, pixel) < SAME_PLATE * self.size_px
+    }
+
     fn reading(&self) -> Option<Reading> {
         self.marker.map(|marker| Reading {
             marker: marker.marker,
@@ -111,6 +120,7 @@ pub(crate) struct Detector {
     imaging: Imaging,
     perspective: Perspective,
     votes: Vec<Vote>,
+    expected: Vec<Reading>,
     detections: Vec<Detection>,
     /// One for each detection.
     shapes: Vec<ShapeOf>,
@@ -129,6 +139,7 @@ impl Detector {
             imaging: Imaging::new(),
             perspective: Perspective::new(size),
             votes: Vec::with_capacity(MAX_DETECTIONS),
+            expected: Vec::with_capacity(KNOWN_MAX),
             detections: Vec::with_capacity(MAX_DETECTIONS),
             shapes: Vec::with_capacity(MAX_DETECTIONS),
         }
@@ -232,10 +243,7 @@ impl Detector {
             &mut self.search,
             |figure| {
                 let centre = [0, 1].map(|i| f64::from(figure.region.centre[i]) + corner[i]);
-                let is_known = |d: &Detection| {
-                    d.marker.is_some() && distance(d.centre, centre) < SAME_PLATE * d.size_px
-                };
-                if detections.iter().any(is_known) {
+                if detections.iter().any(|d| d.is_plate_at(centre)) {
                     return;
                 }
                 let settings = recognition(centre);
@@ -251,12 +259,7 @@ impl Detector {
                 };
                 let read = family.recognise_figure(&figure, cutout, &optics, &stricter);
                 if let Some(marker) = read.filter(|read| is_reading(read, corner, votes)) {
-                    let outline = Outline::square(
-                        [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
-                        f64::from(marker.plate_px),
-                        f64::from(marker.heading_rad),
-                    );
-                    let found = marked(marker, corner, outline);
+                    let found = marked(marker, corner, plate_outline(&marker, corner));
                     if found
                         .reading()
                         .is_some_and(|reading| known.confirms(reading))
@@ -266,6 +269,55 @@ impl Detector {
                 }
             },
         );
+        lost
+    }
+
+    /// Adds markers that are where they are expected although a part of the plate is covered. Returns
+    /// the number dropped for lack of space.
+    pub(crate) fn expect(
+        &mut self,
+        known: &KnownMarkers,
+        picture: &Picture,
+        family: &Family,
+        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
+    ) -> u32 {
+        let readings = self.detections.iter().filter_map(Detection::reading);
+        self.expected.clear();
+        self.expected.extend(known.missing(readings));
+        let mut lost = 0;
+        for i in 0..self.expected.len() {
+            let expected = self.expected[i];
+            let is_taken = |d: &Detection| d.is_plate_at(expected.centre);
+            if self.detections.iter().any(is_taken) {
+                continue;
+            }
+            let half_px = HALF_DIAGONAL * expected.plate_px + EXPECTED_MARGIN_PX;
+            let bounds = Bounds::around(expected.centre, half_px, self.size);
+            let size = bounds.size();
+            let (grey, mask) = (&mut self.grey[..size.area()], &mut self.mask[..size.area()]);
+            intensity(picture, bounds, grey);
+            mask.fill(1);
+            let corner = [f64::from(bounds.left), f64::from(bounds.top)];
+            let optics = Optics {
+                imaging: self.imaging,
+                stretch: self.perspective.at(expected.centre),
+            };
+            let marker = family.recognise_expected(
+                &Expected {
+                    marker: expected.marker,
+                    centre: [0, 1].map(|i| (expected.centre[i] - corner[i]) as f32),
+                    heading_rad: expected.heading_rad as f32,
+                    plate_px: expected.plate_px as f32,
+                },
+                Cutout { size, grey, mask },
+                &optics,
+                &recognition(expected.centre),
+            );
+            if let Some(marker) = marker {
+                let found = marked(marker, corner, plate_outline(&marker, corner));
+                lost += add_searched(&mut self.detections, &mut self.shapes, found);
+            }
+        }
         lost
     }
 
@@ -446,6 +498,15 @@ fn marked(marker: Recognised, corner: [f64; 2], outline: Outline) -> Detection {
         size_px: f64::from(marker.plate_px),
         outline,
     }
+}
+
+/// The outline of a plate without a shape.
+fn plate_outline(marker: &Recognised, corner: [f64; 2]) -> Outline {
+    Outline::square(
+        [0, 1].map(|i| f64::from(marker.centre[i]) + corner[i]),
+        f64::from(marker.plate_px),
+        f64::from(marker.heading_rad),
+    )
 }
 
 /// Whether a marker is certain. If not, it is a vote for the perspective of the camera.

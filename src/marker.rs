@@ -29,6 +29,7 @@ use fourier::matching::{compare, distances};
 use crate::marker::drawing::{Drawing, DrawingError, read_drawing};
 pub use crate::marker::folder::read_folder;
 use crate::marker::name::{NameError, check_name, check_unlike};
+pub(crate) use crate::marker::recognition::Expected;
 pub use crate::marker::recognition::{Recognised, RecognitionSettings};
 use crate::marker::reference::{BLURS_PX, NoReference, PLATES_PX, Reference};
 use crate::marker::template::Template;

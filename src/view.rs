@@ -248,6 +248,9 @@ impl View {
                     self.detector
                         .search(bounds, picture, family, &recognition, &mut self.known);
             }
+            overflow += self
+                .detector
+                .expect(&self.known, picture, family, &recognition);
         }
         self.detector.end_frame();
         let detections = self.detector.detections();

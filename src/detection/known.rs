@@ -39,8 +39,42 @@ pub(crate) struct Reading {
 #[derive(Debug, Clone, Copy)]
 struct Known {
     last: Reading,
+    /// Motion per frame: x, y in pixels, turn in radians.
+    motion: [f64; 3],
     /// Number of frames since it was read.
     missed: u32,
+}
+
+impl Known {
+    fn new(last: Reading) -> Self {
+        Self {
+            last,
+            motion: [0.0; 3],
+            missed: 0,
+        }
+    }
+
+    /// The same marker, read again.
+    fn read_again(&self, new: Reading) -> Self {
+        let per_frame = 1.0 / f64::from(self.missed.max(1));
+        let [dx, dy] = [0, 1].map(|i| new.centre[i] - self.last.centre[i]);
+        let turn = fourier::wrapped((new.heading_rad - self.last.heading_rad) as f32);
+        Self {
+            last: new,
+            motion: [dx, dy, f64::from(turn)].map(|d| d * per_frame),
+            missed: 0,
+        }
+    }
+
+    /// Where it is in this frame if it goes on as before.
+    fn expected(&self) -> Reading {
+        let [dx, dy, turn] = self.motion.map(|d| d * f64::from(self.missed));
+        Reading {
+            centre: [self.last.centre[0] + dx, self.last.centre[1] + dy],
+            heading_rad: self.last.heading_rad + turn,
+            ..self.last
+        }
+    }
 }
 
 /// The markers of the last frames, and the next tile.
@@ -78,6 +112,17 @@ impl KnownMarkers {
                 windows.push(Bounds::around(last.centre, half, self.size));
             }
         }
+    }
+
+    /// Where the known markers are expected that are not among the readings of this frame.
+    pub(crate) fn missing(
+        &self,
+        readings: impl Iterator<Item = Reading> + Clone,
+    ) -> impl Iterator<Item = Reading> {
+        self.known
+            .iter()
+            .filter(move |known| !readings.clone().any(|new| self.may_be(&known.last, &new)))
+            .map(Known::expected)
     }
 
     /// The tile to be searched in this frame.
@@ -127,12 +172,7 @@ impl KnownMarkers {
         for new in readings {
             let same = |known: &Known| known.missed > 0 && self.may_be(&known.last, &new);
             match self.known.iter().position(same) {
-                Some(i) => {
-                    self.known[i] = Known {
-                        last: new,
-                        missed: 0,
-                    };
-                }
+                Some(i) => self.known[i] = self.known[i].read_again(new),
                 None => self.add(new),
             }
         }
@@ -142,10 +182,7 @@ impl KnownMarkers {
 
     fn add(&mut self, new: Reading) {
         if self.known.len() < KNOWN_MAX {
-            self.known.push(Known {
-                last: new,
-                missed: 0,
-            });
+            self.known.push(Known::new(new));
         }
     }
 

@@ -80,7 +80,7 @@ const BLUR_SHARE_FREE: f32 = 0.05;
 
 /// If the paper covers less than this share of a drawing's plate, the real plate is smaller, and
 /// the pixels outside of it do not count.
-const PAPER_SHARE: f32 = 0.8;
+const PAPER_SHARE: f32 = 0.97;
 
 /// Minimum visible share of the plate, without its blurred borders, for a recognition. With a
 /// quarter, other figures were taken for a drop.
@@ -90,6 +90,22 @@ const SEEN_SHARE_MIN: f32 = 0.35;
 /// whole plate. Real markers had an R² of at least 0.989; half a figure in a shadow had 0.987.
 const PART_R_SQUARED_MIN: f32 = 0.985;
 const PART_RESIDUAL_RATIO: f32 = 0.8;
+
+/// Maximum share of an expected marker's plate that may be hidden. What covers it comes from
+/// outside: inside, no more may be hidden than this share, and this multiple of the share at the
+/// rim. Otherwise the plate carries another figure.
+const EXPECTED_HIDDEN_MAX: f32 = 0.35;
+const EXPECTED_HIDDEN_INSIDE: (f32, f32) = (0.03, 2.0);
+
+/// Minimum R² for an expected marker. What covers its plate may be nearly as light.
+const EXPECTED_R_SQUARED_MIN: f32 = 0.975;
+
+/// Maximum difference of an expected marker's centre, relative to the plate and in pixels, of its
+/// heading, and of the logarithm of its size.
+const EXPECTED_OFF: (f32, f32) = (0.1, 1.5);
+const EXPECTED_TURNED_RAD: f32 = 0.25;
+const EXPECTED_LN_SIGMA: f32 = 0.01;
+const EXPECTED_LN_OFF: f32 = 0.04;
 
 /// Thresholds for the recognition of markers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -126,6 +142,16 @@ pub struct Recognised {
     pub(crate) imaging: Option<ImagingReading>,
     /// How the camera stretches the plate, if the marker shows it.
     pub(crate) stretch: Option<StretchReading>,
+}
+
+/// A marker that must be near, because it was a frame ago. In the coordinates of the cut-out.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Expected {
+    /// Index in the family.
+    pub(crate) marker: usize,
+    pub(crate) centre: [f32; 2],
+    pub(crate) heading_rad: f32,
+    pub(crate) plate_px: f32,
 }
 
 /// A marker that matches a figure.
@@ -182,6 +208,51 @@ impl Family {
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
         self.recognise_contour(figure, None, cutout, optics, settings)
+    }
+
+    /// Reads a marker where it is expected, although something may cover a part of its plate.
+    pub(crate) fn recognise_expected(
+        &self,
+        expected: &Expected,
+        cutout: Cutout<'_>,
+        optics: &Optics,
+        settings: &RecognitionSettings,
+    ) -> Option<Recognised> {
+        let pose = Pose {
+            centre: expected.centre,
+            turn_rad: expected.heading_rad + std::f32::consts::FRAC_PI_2,
+            plate_px: expected.plate_px,
+            blur_px: optics.imaging.blur_px(),
+        };
+        let layers = self.markers[expected.marker].template.layers();
+        let Cutout { grey, size, .. } = cutout;
+        let (prior, stretch) = priors(optics, settings, pose.plate_px);
+        let prior = Prior {
+            plate_ln_sigma: EXPECTED_LN_SIGMA,
+            may_be_covered: true,
+            ..prior
+        };
+        let fit = if optics.stretch.seen() == Seen::Unknown {
+            fit_shape(grey, size, None, layers, pose, &prior)?
+        } else {
+            let map = PlateMap::stretched(&pose, stretch.stretch);
+            let curved = fit_curved_shape(grey, size, None, layers, map, &prior, &stretch)?;
+            likely(curved, optics)?.fit
+        };
+        let read = read(expected.marker, &fit, settings)?;
+        let [dx, dy] = [0, 1].map(|i| read.centre[i] - expected.centre[i]);
+        let (share, px) = EXPECTED_OFF;
+        let [inside, rim] = fit.hidden;
+        let (least, per_rim) = EXPECTED_HIDDEN_INSIDE;
+        let is_there = dx.hypot(dy) < share * expected.plate_px + px
+            && wrapped(read.heading_rad - expected.heading_rad).abs() < EXPECTED_TURNED_RAD
+            && (read.plate_px / expected.plate_px).ln().abs() < EXPECTED_LN_OFF;
+        (is_there
+            && inside < EXPECTED_HIDDEN_MAX
+            && inside < least + per_rim * rim
+            && fit.r_squared >= EXPECTED_R_SQUARED_MIN
+            && explains(&fit, optics.imaging.noise(), settings))
+        .then_some(read)
     }
 
     fn recognise_contour(
@@ -264,19 +335,10 @@ impl Family {
                 .unwrap_or(fitted),
             _ => fitted,
         };
-        let size_fits =
-            (settings.plate_min_px..=settings.plate_max_px).contains(&fit.pose.plate_px);
-        size_fits.then(|| Recognised {
-            marker,
-            centre: fit.pose.centre,
-            // The drawing points up, against the y axis.
-            heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
-            plate_px: fit.pose.plate_px,
-            confidence: fit.r_squared,
-            covariance: fit.covariance,
-            is_certain: true,
+        read(marker, &fit, settings).map(|read| Recognised {
             imaging: optics.imaging.reading(&fit),
             stretch,
+            ..read
         })
     }
 
@@ -472,6 +534,23 @@ fn plate_px(placed: &Placed) -> f32 {
         Placed::Upright(pose) => pose.plate_px,
         Placed::AtAnAngle(map) => map.unit_px,
     }
+}
+
+/// What a fit says, if its size is permitted.
+fn read(marker: usize, fit: &Fit, settings: &RecognitionSettings) -> Option<Recognised> {
+    let size_fits = (settings.plate_min_px..=settings.plate_max_px).contains(&fit.pose.plate_px);
+    size_fits.then(|| Recognised {
+        marker,
+        centre: fit.pose.centre,
+        // The drawing points up, against the y axis.
+        heading_rad: wrapped(fit.pose.turn_rad - std::f32::consts::FRAC_PI_2),
+        plate_px: fit.pose.plate_px,
+        confidence: fit.r_squared,
+        covariance: fit.covariance,
+        is_certain: true,
+        imaging: None,
+        stretch: None,
+    })
 }
 
 /// What a fit of a plate starts from.

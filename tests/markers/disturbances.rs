@@ -69,3 +69,12 @@ fn what_cannot_be_read_is_not_guessed() {
         score(&GREY, 24.0, disturbance, 6);
     }
 }
+
+/// Of robots that were never seen before; `floorless` has those that are known.
+#[test]
+fn a_cover_is_not_part_of_a_marker() {
+    for (share, recall) in [(0.05, 0.7), (0.1, 0.5)] {
+        let score = score(&GREY, 24.0, Disturbance::Covered(share), 6);
+        assert!(score.recall() >= recall, "{share}: {}", score.recall());
+    }
+}

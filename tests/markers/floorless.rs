@@ -1,5 +1,5 @@
 //! Markers that the difference from the floor does not show: parked while the floor is learned or
-//! relearned, touching, on a white floor, in dim light, and in faint ink.
+//! relearned, touching, on a white floor, in dim light, in faint ink, and covered in part.
 
 use imgproc::Size;
 use overcam::marker::{Family, built_in_files};
@@ -50,6 +50,7 @@ impl Play {
                 disturbance: Disturbance::None,
                 viewpoint: Viewpoint::ABOVE,
                 gamma: 1.0,
+                sharpening: 0.0,
             },
             palette,
             sequence: 0,
@@ -321,4 +322,79 @@ fn dim_light_hides_none() {
     }
     println!("dim: {tally:?}");
     assert!(tally.recall() >= 0.99 && tally.wrong == 0, "{tally:?}");
+}
+
+/// A cable or a hand lies across the plates of robots that drive and turn.
+#[test]
+fn a_cover_hides_no_known_robot() {
+    let (outlines, names) = family();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let centres = grid(4, 3, 60.0);
+    for (share, recall) in [(0.1, 0.99), (0.2, 0.94)] {
+        let mut play = Play::new(GREY);
+        play.learn(&[]);
+        let mut tally = Tally::default();
+        for step in 0..40_u16 {
+            let step = f32::from(step);
+            let moved: Vec<[f32; 2]> = centres.iter().map(|&[x, y]| [x + 0.6 * step, y]).collect();
+            let mut moved = plates(&outlines, &moved, 0.02 * step);
+            if step >= 10.0 {
+                play.conditions.disturbance = Disturbance::Covered(share);
+                for (i, plate) in moved.iter_mut().enumerate() {
+                    plate.light = [1.3 * i as f32, (i % 7) as f32 / 6.0];
+                }
+            }
+            let scene = play.show(&moved);
+            if step >= 10.0 {
+                tally.add(scene, &moved, &names);
+            }
+        }
+        println!("covered by {share}: {:.3} {tally:?}", tally.recall());
+        assert!(tally.recall() >= recall, "{share}: {tally:?}");
+        assert_eq!(tally.wrong, 0, "{share}: {tally:?}");
+        assert!(tally.worst_px < 0.4, "{share}: {tally:?}");
+    }
+}
+
+/// Markers are expected where they were, but not believed to be there.
+#[test]
+fn what_replaces_a_known_robot_is_not_taken_for_it() {
+    let (outlines, names) = family();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let centres = grid(4, 3, 60.0);
+    let mut play = Play::new(GREY);
+    play.learn(&[]);
+    let robots = plates(&outlines, &centres, 0.3);
+    for _ in 0..10 {
+        play.show(&robots);
+    }
+    // Every other plate in the same place: with another marker, bare, half of it, and none.
+    let square = vec![[-0.3, -0.3], [0.3, -0.3], [0.3, 0.3], [-0.3, 0.3]];
+    for replaced in 0..4 * centres.len() {
+        let mut others = robots.clone();
+        for (i, plate) in others.iter_mut().enumerate() {
+            match replaced / centres.len() {
+                0 => plate.figure = &outlines[(i + 1 + replaced) % centres.len()],
+                1 => plate.figure = &square,
+                2 => plate.turn_rad += std::f32::consts::PI,
+                _ => plate.turn_rad += 0.6,
+            }
+        }
+        let shown: Vec<&str> = (0..others.len())
+            .map(|i| match replaced / centres.len() {
+                0 => names[(i + 1 + replaced) % centres.len()],
+                1 => "",
+                _ => names[i],
+            })
+            .collect();
+        let mut tally = Tally::default();
+        tally.add(play.show(&others), &others, &shown);
+        assert_eq!(tally.wrong, 0, "{replaced}: {tally:?}");
+        play.show(&robots);
+        let scene = play.show(&[]);
+        let seen = scene.objects().iter().filter(|o| o.observed());
+        assert_eq!(seen.count(), 0, "they are gone");
+        play.show(&robots);
+        play.show(&robots);
+    }
 }

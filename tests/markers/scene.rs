@@ -26,6 +26,8 @@ pub(crate) struct Conditions {
     pub(crate) viewpoint: Viewpoint,
     /// Light is this power of a grey level.
     pub(crate) gamma: f32,
+    /// Share of its difference from a softer picture that the camera adds.
+    pub(crate) sharpening: f32,
 }
 
 /// Disturbances on real floors.
@@ -43,6 +45,9 @@ pub(crate) enum Disturbance {
     /// A lamp is reflected on every plate; radius of the white spot, as a share of the plate's
     /// side.
     Glare(f32),
+    /// Something of any grey level lies across the side or a corner of every plate; the share of
+    /// the plate under it.
+    Covered(f32),
     /// Frames are JPEG of this quality.
     Jpeg(u8),
     /// Groups of four pixels share their chroma.
@@ -192,15 +197,26 @@ pub(crate) fn picture(
     };
     frame.full_range = true;
     frame.bytes.clear();
-    for i in 0..size.area() {
-        // Full light at the right border, so that white does not exceed the sensor's range.
-        let light_at = |x: f32| 1.0 + conditions.slope * (x - size.width as f32 / 2.0) / 100.0;
-        let lit = light_at((i % size.width) as f32) / light_at(size.width as f32);
-        for plane in &planes {
-            let grey = 255.0 * (plane[i] * lit / 255.0).powf(1.0 / conditions.gamma);
-            let seen = grey + conditions.noise * random.normal();
-            frame.bytes.push(seen.round().clamp(0.0, 255.0) as u8);
+    // Full light at the right border, so that white does not exceed the sensor's range.
+    let light_at = |x: f32| 1.0 + conditions.slope * (x - size.width as f32 / 2.0) / 100.0;
+    for plane in &mut planes {
+        for (i, value) in plane.iter_mut().enumerate() {
+            let lit = light_at((i % size.width) as f32) / light_at(size.width as f32);
+            let grey = 255.0 * (*value * lit / 255.0).powf(1.0 / conditions.gamma);
+            *value = grey + conditions.noise * random.normal();
         }
+        if conditions.sharpening != 0.0 {
+            let soft = blurred(plane, size, 1.0);
+            for (value, soft) in plane.iter_mut().zip(soft) {
+                *value += conditions.sharpening * (*value - soft);
+            }
+        }
+    }
+    for i in 0..size.area() {
+        let seen = planes
+            .iter()
+            .map(|plane| plane[i].round().clamp(0.0, 255.0) as u8);
+        frame.bytes.extend(seen);
     }
     match conditions.disturbance {
         Disturbance::Jpeg(quality) => compress(frame, quality),
@@ -215,10 +231,22 @@ fn light(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, conditions: &Co
     let [direction, distance] = plate.light;
     let (sin, cos) = direction.sin_cos();
     let reach = side * 0.75 + 12.0;
+    let cover = match conditions.disturbance {
+        Disturbance::Covered(share) => Some(cover_from(share, direction - plate.turn_rad) * side),
+        _ => None,
+    };
+    let cover_light = light_of(20.0 + 200.0 * distance, conditions.gamma);
     for y in span(plate.centre[1], reach, size.height) {
         for x in span(plate.centre[0], reach, size.width) {
             let [dx, dy] = [x as f32 - plate.centre[0], y as f32 - plate.centre[1]];
             let along = cos * dx + sin * dy;
+            let across = cos * dy - sin * dx;
+            if cover.is_some_and(|from| along > from) && across.abs() < 0.7 * side {
+                for plane in &mut *planes {
+                    plane[y * size.width + x] = cover_light;
+                }
+                continue;
+            }
             let lit = |value: f32| match conditions.disturbance {
                 Disturbance::Shadow(share) if along > (distance - 0.5) * side * 0.7 => {
                     value * share
@@ -241,6 +269,19 @@ fn light(planes: &mut [Vec<f32>], size: Size, plate: &Plate<'_>, conditions: &Co
             }
         }
     }
+}
+
+/// Distance from the centre of a plate, in units of its side, beyond which this share of it lies in a
+/// direction.
+fn cover_from(share: f32, direction: f32) -> f32 {
+    const ACROSS: usize = 60;
+    let (sin, cos) = direction.sin_cos();
+    let at = |i: usize| (i as f32 + 0.5) / ACROSS as f32 - 0.5;
+    let mut along: Vec<f32> = (0..ACROSS * ACROSS)
+        .map(|i| cos * at(i % ACROSS) + sin * at(i / ACROSS))
+        .collect();
+    along.sort_by(f32::total_cmp);
+    along[((1.0 - share) * (along.len() - 1) as f32) as usize]
 }
 
 /// Indices of a row or column that are at most `reach` from a point.
