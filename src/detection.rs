@@ -162,9 +162,27 @@ impl Detector {
         family: &Family,
         recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
     ) -> u32 {
+        self.imaging.noise = noise;
+        let was_known = self.imaging.is_known();
+        let overflow = self.detect_in_shapes(shapes, picture, family, recognition);
+        if was_known || self.readings().next().is_none() {
+            return overflow;
+        }
+        // What the first frame shows of the camera makes its own markers as exact as later ones.
+        self.learn_imaging();
+        self.votes.clear();
+        self.detect_in_shapes(shapes, picture, family, recognition)
+    }
+
+    fn detect_in_shapes(
+        &mut self,
+        shapes: &Shapes,
+        picture: &Picture,
+        family: &Family,
+        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
+    ) -> u32 {
         self.detections.clear();
         self.shapes.clear();
-        self.imaging.noise = noise;
         let mut overflow = shapes.overflow();
         for (number, shape) in shapes.iter().enumerate() {
             overflow += if self.detections.len() < MAX_DETECTIONS {
@@ -200,14 +218,18 @@ impl Detector {
 
     /// Ends a frame: updates the optics of the camera from its markers.
     pub(crate) fn end_frame(&mut self) {
-        let read = self.detections.iter().filter_map(|d| d.marker);
-        self.imaging.learn(read.filter_map(|marker| marker.imaging));
+        self.learn_imaging();
         let places = self.detections.iter().filter_map(|d| {
             let stretch = d.marker?.stretch?;
             Some((d.centre, stretch))
         });
         self.perspective.learn(places);
         self.perspective.vote(self.votes.drain(..));
+    }
+
+    fn learn_imaging(&mut self) {
+        let read = self.detections.iter().filter_map(|d| d.marker);
+        self.imaging.learn(read.filter_map(|marker| marker.imaging));
     }
 
     /// Searches part of the picture for markers without the background, and adds those that no

@@ -22,6 +22,9 @@ const WINDOW_PLATES: f64 = 1.25;
 const AGREEING_TURN_RAD: f32 = 0.35;
 const AGREEING_SIZE: f64 = 1.15;
 
+/// A marker is expected after this many readings. What was mistaken for one once must not go on.
+const READ_MIN: u32 = 3;
+
 /// Maximum number of known markers.
 pub(crate) const KNOWN_MAX: usize = 2 * scene::MAX_OBJECTS;
 
@@ -43,6 +46,8 @@ struct Known {
     motion: [f64; 3],
     /// Number of frames since it was read.
     missed: u32,
+    /// Number of frames in which it was read.
+    n_read: u32,
 }
 
 impl Known {
@@ -51,6 +56,7 @@ impl Known {
             last,
             motion: [0.0; 3],
             missed: 0,
+            n_read: 1,
         }
     }
 
@@ -63,6 +69,7 @@ impl Known {
             last: new,
             motion: [dx, dy, f64::from(turn)].map(|d| d * per_frame),
             missed: 0,
+            n_read: self.n_read.saturating_add(1),
         }
     }
 
@@ -114,13 +121,15 @@ impl KnownMarkers {
         }
     }
 
-    /// Where the known markers are expected that are not among the readings of this frame.
+    /// Where markers are expected that were read often enough, but are not among the readings of this
+    /// frame.
     pub(crate) fn missing(
         &self,
         readings: impl Iterator<Item = Reading> + Clone,
     ) -> impl Iterator<Item = Reading> {
         self.known
             .iter()
+            .filter(|known| known.n_read >= READ_MIN)
             .filter(move |known| !readings.clone().any(|new| self.may_be(&known.last, &new)))
             .map(Known::expected)
     }
@@ -268,5 +277,34 @@ mod tests {
             markers.begin_frame();
             assert_eq!(windows.len(), usize::from(frame < 5), "frame {frame}");
         }
+    }
+
+    #[test]
+    fn a_marker_is_expected_where_its_motion_leads_once_it_was_read_often() {
+        let size = Size {
+            width: 320,
+            height: 240,
+        };
+        let mut markers = KnownMarkers::new(size, 10.0, 8.0);
+        let at = |i: u32| reading([100.0 + 2.0 * f64::from(i), 80.0], 0.1 * f64::from(i));
+        for i in 0..4 {
+            markers.begin_frame();
+            let expected: Vec<Reading> = markers.missing(std::iter::empty()).collect();
+            assert_eq!(expected.len(), usize::from(i >= READ_MIN), "frame {i}");
+            assert_eq!(
+                markers.missing([at(i)].into_iter()).count(),
+                0,
+                "it is read"
+            );
+            markers.end_frame([at(i)].into_iter());
+        }
+        // Two frames later.
+        markers.begin_frame();
+        markers.end_frame(std::iter::empty());
+        markers.begin_frame();
+        let expected = markers.missing(std::iter::empty()).next();
+        let expected = expected.expect("it was read four times");
+        assert!((expected.centre[0] - at(5).centre[0]).abs() < 1e-6);
+        assert!((expected.heading_rad - at(5).heading_rad).abs() < 1e-6);
     }
 }

@@ -25,6 +25,9 @@ const TONE: Estimate = Estimate {
     drift: 0.001,
 };
 
+/// The imaging is known from this standard deviation of the exponent on.
+const KNOWN_TONE: f32 = 0.05;
+
 /// Sharpening: the share of the difference from a softer picture that the camera adds. Cameras for
 /// measuring add none, others up to twice the difference.
 const SHARPENING: Estimate = Estimate {
@@ -132,6 +135,11 @@ impl Imaging {
     /// Estimated blur: standard deviation of the point spread, pixels.
     pub(crate) fn blur_px(&self) -> f32 {
         self.blur_ln.mean.exp()
+    }
+
+    /// Whether markers have shown it.
+    pub(crate) fn is_known(&self) -> bool {
+        self.tone.variance < KNOWN_TONE * KNOWN_TONE
     }
 
     /// Estimated tone curve.
