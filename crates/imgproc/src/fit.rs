@@ -71,6 +71,11 @@ const COARSE_ACROSS: f32 = 12.0;
 /// twice this many blocks across.
 pub const PLATE_BINNED_PX: f32 = 80.0;
 
+/// With a more uncertain tone curve, plates of any size are fitted to single pixels: a mean of pixels
+/// is not that of their light, and larger triangles differ from others only in the light of their
+/// edges.
+const UNKNOWN_TONE: f32 = 0.05;
+
 /// If less sharpening than this is expected, with less uncertainty, there is none.
 const SHARPENING_MIN: f32 = 0.06;
 
@@ -221,7 +226,7 @@ pub fn fit_shape(
     start: Pose,
     prior: &Prior,
 ) -> Option<Fit> {
-    let views = [COARSE_ACROSS, PLATE_BINNED_PX / 2.0].map(|across| {
+    let views = [COARSE_ACROSS, across_max(prior)].map(|across| {
         view(
             plane,
             size,
@@ -264,7 +269,7 @@ pub fn fit_curved_shape(
     prior: &Prior,
     expected: &StretchPrior,
 ) -> Option<CurvedFit> {
-    let views = [COARSE_ACROSS, PLATE_BINNED_PX / 2.0].map(|across| {
+    let views = [COARSE_ACROSS, across_max(prior)].map(|across| {
         view(
             plane,
             size,
@@ -295,11 +300,20 @@ pub fn refine_shape(
     prior: &Prior,
     expected: &StretchPrior,
 ) -> Option<CurvedFit> {
-    let block_px = start.plate_px / (PLATE_BINNED_PX / 2.0);
+    let block_px = start.plate_px / across_max(prior);
     let fine = view(plane, size, within, layers, start.centre, block_px, prior);
     let map = PlateMap::upright(start);
     let curved = Curved::new(map, start.blur_px, prior, *expected);
     descend(curved, [&fine, &fine], prior).map(|fitted| curved_result(&fitted))
+}
+
+/// Maximum number of blocks across a plate.
+fn across_max(prior: &Prior) -> f32 {
+    if prior.tone_sigma > UNKNOWN_TONE {
+        f32::INFINITY
+    } else {
+        PLATE_BINNED_PX / 2.0
+    }
 }
 
 fn curved_result(fitted: &Fitted<Curved, { curved::UNKNOWNS }>) -> CurvedFit {

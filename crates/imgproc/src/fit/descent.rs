@@ -25,6 +25,10 @@ const PROGRESS_MIN: f32 = 0.1;
 const COVERED_TOLERANCE: f32 = 2.0;
 const FIRST_TOLERANCE: f32 = 0.5;
 
+/// Freedom of tone curve and sharpening in the coarse view. Its blocks do not show the profile of an
+/// edge, and a larger triangle elsewhere differs only in that.
+const COARSE_FREEDOM: f64 = 0.1;
+
 /// Number of rounds with the coarse view.
 const COARSE_ROUNDS: usize = 2;
 
@@ -78,8 +82,15 @@ impl Light {
         self.bare - self.dark
     }
 
-    /// Adds what is known of the camera before the fit. `variance` is that of a sample.
-    fn expect<const N: usize>(&self, prior: &Prior, variance: f64, normal: &mut Normal<N>) {
+    /// Adds what is known of the camera before the fit, with a freedom from 0 to 1. `variance` is
+    /// that of a sample.
+    fn expect<const N: usize>(
+        &self,
+        prior: &Prior,
+        freedom: f64,
+        variance: f64,
+        normal: &mut Normal<N>,
+    ) {
         for (unknown, off, sigma) in [
             (TONE, self.tone - prior.tone, prior.tone_sigma),
             (
@@ -88,7 +99,8 @@ impl Light {
                 prior.sharpening_sigma,
             ),
         ] {
-            normal.expect(unknown, off, variance / f64::from(sigma * sigma));
+            let sigma = freedom * f64::from(sigma);
+            normal.expect(unknown, off, variance / (sigma * sigma));
         }
     }
 
@@ -345,7 +357,10 @@ pub(super) fn descend<const N: usize, M: Model<N>>(
         }
         before = if last_view { left } else { f32::INFINITY };
         model.expect(&start, prior, variance, &mut normal);
-        model.light().expect(prior, variance, &mut normal);
+        let of_camera = if last_view { 1.0 } else { COARSE_FREEDOM };
+        model
+            .light()
+            .expect(prior, of_camera, variance, &mut normal);
         let squares = normal.squares;
         let hidden = normal.parts.map(|part| part.hidden_share());
         let Solution {
