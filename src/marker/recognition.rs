@@ -69,10 +69,6 @@ pub(crate) const CONTRAST_DEVIATIONS: f32 = 7.0;
 /// No ink is darker than black; noise and the rounding of grey levels require some tolerance.
 const BLACKER_THAN_BLACK: f32 = 1.1;
 
-/// Maximum exponent of the tone curve. No camera shows dark things darker than they are, but a
-/// triangular shadow in a compressed picture was a tee with an exponent of 1.4.
-const TONE_MAX: f32 = 1.25;
-
 /// Maximum blur relative to the plate's side. Above it markers cannot be distinguished: at a tenth,
 /// half discs and squares are taken for drops and triangles.
 const BLUR_SHARE_MAX: f32 = 0.085;
@@ -94,6 +90,10 @@ const SEEN_SHARE_MIN: f32 = 0.35;
 /// whole plate. Real markers had an R² of at least 0.989; half a figure in a shadow had 0.987.
 const PART_R_SQUARED_MIN: f32 = 0.988;
 const PART_RESIDUAL_RATIO: f32 = 0.8;
+
+/// Maximum exponent of the tone curve for a marker on part of its plate. A triangular shadow in a
+/// compressed picture was a tee with an exponent of 1.4. Whole plates with thick ink have up to 1.3.
+const PART_TONE_MAX: f32 = 1.25;
 
 /// Maximum share of an expected marker's plate that may be hidden. What covers it comes from
 /// outside: inside, no more may be hidden than this share, and this multiple of the share at the
@@ -620,6 +620,7 @@ fn shows_enough(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
     };
     seen_px2 >= SEEN_SHARE_MIN * fit.pose.plate_px * fit.pose.plate_px
         && fit.r_squared >= PART_R_SQUARED_MIN
+        && fit.tone <= PART_TONE_MAX
         && explains(fit, noise, &stricter)
 }
 
@@ -668,7 +669,6 @@ fn explains(fit: &Fit, noise: f32, settings: &RecognitionSettings) -> bool {
         && fit.contrast >= settings.contrast_min.max(CONTRAST_DEVIATIONS * noise)
         && fit.contrast <= BLACKER_THAN_BLACK * fit.light
         && blur_share <= BLUR_SHARE_MAX
-        && fit.tone <= TONE_MAX
 }
 
 /// Whether the residual of every other explanation is clearly larger.
