@@ -165,11 +165,15 @@ impl Detector {
         self.imaging.noise = noise;
         let was_known = self.imaging.is_known();
         let overflow = self.detect_in_shapes(shapes, picture, family, recognition);
-        if was_known || self.readings().next().is_none() {
+        if was_known {
             return overflow;
         }
-        // What the first frame shows of the camera makes its own markers as exact as later ones.
+        // What the first markers show of the camera makes themselves as exact as later ones. Once
+        // only: markers that show nothing of it, such as coloured ones, are not read twice a frame.
         self.learn_imaging();
+        if !self.imaging.is_known() {
+            return overflow;
+        }
         self.votes.clear();
         self.detect_in_shapes(shapes, picture, family, recognition)
     }
