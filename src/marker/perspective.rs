@@ -1,26 +1,22 @@
 //! How the camera stretches plates, depending on where they are in the picture: the effect of its
 //! tilt and of its lens, estimated from the recognised markers.
 //!
-//! A pixel at `q` from the middle of the picture, in widths of the picture, shows the point
-//!
-//! ```text
-//! floor = root(1 + focal² m mᵀ) q / (1 + bend |q|² - m · q)
-//! ```
-//!
-//! of the floor, apart from its scale and direction: `focal · m` is the slope of the floor relative
-//! to the picture, `bend` the radial distortion of the lens in the division model (Fitzgibbon
-//! 2001). The derivative of this map gives the stretch of a plate ([`CurvedFit::stretch`]), the
-//! second derivative how it changes across the plate.
-//!
 //! Every reading is a measurement of the stretch at its place. They are collected in the cells of a
 //! grid, older ones with less weight, and the four unknowns are fitted to the cells by least
 //! squares (Levenberg-Marquardt).
-//!
-//! [`CurvedFit::stretch`]: imgproc::fit::CurvedFit::stretch
+
+mod camera;
+mod expected;
+mod votes;
 
 use imgproc::Size;
-use imgproc::fit::StretchPrior;
-use nalgebra::{Matrix2, Matrix4, SVector, Vector2, Vector4};
+use nalgebra::{Matrix4, Vector4};
+
+use crate::marker::perspective::camera::{curvature, denominator, stretch_and_slopes};
+use crate::marker::perspective::votes::Votes;
+
+pub(crate) use crate::marker::perspective::expected::{ExpectedStretch, Seen, StretchReading};
+pub(crate) use crate::marker::perspective::votes::Vote;
 
 /// Cells of the grid in a row and in a column.
 const COLUMNS: usize = 8;
@@ -30,9 +26,6 @@ const ROWS: usize = 6;
 /// printed plates varies by.
 const LEVEL_RAD: f64 = 0.0175;
 const PRINTED: f64 = 0.0003;
-
-/// Tolerance for robots on ramps and bent plates, when it is decided whether a stretch is possible.
-const TOLERANCE: f32 = 0.01;
 
 /// The readings of a cell do not determine its stretch better than this, because they are mostly of
 /// one plate: standard deviation.
@@ -55,22 +48,8 @@ const STARTS: [[f64; 2]; 5] = [[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], 
 const FIRST_FRAMES: u32 = 30;
 const EVERY_FRAMES: u32 = 64;
 
-/// Number of votes that are kept, and the number that must agree before a camera of unknown
-/// perspective has one. Four unknowns that fit five votes by chance fit six numbers by chance.
-const VOTES: usize = 16;
-const VOTES_MIN: usize = 5;
-
-/// Votes that do not agree may be this share of all, one in so many.
-const STRAY_VOTES: usize = 4;
-
-/// A vote agrees with a perspective within this many standard deviations of both, one of them being
-/// what a coarse model may be off.
-const VOTE_DEVIATIONS: f64 = 3.0;
+/// What the model may be off where few votes have shown it, standard deviation.
 const VOTE_SIGMA: f64 = 0.005;
-
-/// Two votes of a marker are independent if its heading differs by this much: a wrong shape turns
-/// with its stretch, a plate does not.
-const VOTE_TURN_RAD: f32 = 0.5;
 
 /// Rounds of a fit.
 const ROUNDS: usize = 8;
@@ -78,22 +57,6 @@ const ROUNDS: usize = 8;
 /// Standard deviation of the curvature besides that of the unknowns, relative to a plate as wide as
 /// the picture.
 const CURVATURE: f64 = 0.01;
-
-/// The perspective is known with this standard deviation of the stretch.
-const KNOWN: f32 = 0.03;
-
-/// Up to this stretch, the contour of a marker is near enough to that of an upright plate.
-const STRETCHED: f32 = 0.02;
-
-/// What is expected of a plate at one place of the picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct ExpectedStretch {
-    stretch: [f32; 2],
-    sigma: f32,
-    curvature: [[f32; 3]; 2],
-    /// Standard deviation of the curvature, per pixel of the plate's side.
-    curvature_sigma: f32,
-}
 
 impl ExpectedStretch {
     /// In the middle of a picture of 640 pixels, of a camera that is not known yet.
@@ -104,111 +67,13 @@ impl ExpectedStretch {
         };
         Perspective::new(size).at([320.0, 240.0])
     }
-
-    /// The prior of a fit.
-    pub(crate) fn prior(&self, blur_px: f32, plate_px: f32) -> StretchPrior {
-        StretchPrior {
-            blur_px,
-            stretch: self.stretch,
-            sigma: self.sigma,
-            curvature: self.curvature,
-            curvature_sigma: self.curvature_sigma * plate_px,
-        }
-    }
-
-    /// What a fit that started from this prior adds to it: a measurement of the stretch, and its
-    /// variance. `None` if it adds nothing.
-    pub(crate) fn reading(&self, stretch: [f32; 2], variance: [f32; 2]) -> Option<StretchReading> {
-        let prior = f64::from(self.sigma * self.sigma);
-        let variance = f64::from(variance[0].max(variance[1]));
-        let information = 1.0 / variance - 1.0 / prior;
-        if information.is_nan() || information <= 0.1 / prior {
-            return None;
-        }
-        let measured = [0, 1].map(|i| {
-            let (now, before) = (f64::from(stretch[i]), f64::from(self.stretch[i]));
-            (now / variance - before / prior) / information
-        });
-        Some(StretchReading {
-            stretch: measured,
-            variance: 1.0 / information,
-        })
-    }
-
-    /// Square of the deviation of a stretch that was measured with this variance, in standard
-    /// deviations of both.
-    pub(crate) fn deviation2(&self, stretch: [f32; 2], variance: f32) -> f32 {
-        let off = [0, 1].map(|i| stretch[i] - self.stretch[i]);
-        let tolerated = TOLERANCE * TOLERANCE;
-        (off[0] * off[0] + off[1] * off[1]) / (self.sigma * self.sigma + variance + tolerated)
-    }
-
-    /// How plates are seen here.
-    pub(crate) fn seen(&self) -> Seen {
-        let [s, t] = self.stretch;
-        if self.sigma > KNOWN {
-            Seen::Unknown
-        } else if s.hypot(t) > STRETCHED {
-            Seen::AtAnAngle
-        } else {
-            Seen::FromAbove
-        }
-    }
-}
-
-/// How a camera sees plates at one place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Seen {
-    /// As squares, or nearly.
-    FromAbove,
-    AtAnAngle,
-    /// Its perspective is not known yet.
-    Unknown,
-}
-
-/// A measurement of the stretch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct StretchReading {
-    stretch: [f64; 2],
-    variance: f64,
-}
-
-impl StretchReading {
-    pub(crate) fn stretch(&self) -> [f32; 2] {
-        self.stretch.map(|s| s as f32)
-    }
-
-    /// Variance of each of the two numbers.
-    pub(crate) fn variance(&self) -> f32 {
-        self.variance as f32
-    }
-}
-
-/// A marker that may have been seen at an angle by a camera of unknown perspective. It is no
-/// reading; enough of them that agree are a perspective.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Vote {
-    pub(crate) pixel: [f64; 2],
-    /// Index in the family.
-    pub(crate) marker: usize,
-    pub(crate) heading_rad: f32,
-    pub(crate) reading: StretchReading,
-}
-
-impl Vote {
-    /// Whether it says nothing that another vote does not say.
-    fn repeats(&self, other: &Self) -> bool {
-        let turn = fourier::wrapped(self.heading_rad - other.heading_rad).abs();
-        self.marker == other.marker && turn < VOTE_TURN_RAD
-    }
 }
 
 /// Estimate for a camera.
 #[derive(Debug, Clone)]
 pub(crate) struct Perspective {
     size: Size,
-    votes: [Option<Vote>; VOTES],
-    next_vote: usize,
+    votes: Votes,
     cells: [Cell; COLUMNS * ROWS],
     /// Slope of the floor over the focal length, distortion, logarithm of the focal length.
     unknowns: Vector4<f64>,
@@ -231,8 +96,7 @@ impl Perspective {
     pub(crate) fn new(size: Size) -> Self {
         Self {
             size,
-            votes: [None; VOTES],
-            next_vote: 0,
+            votes: Votes::NONE,
             cells: [Cell::default(); COLUMNS * ROWS],
             unknowns: START,
             covariance: Matrix4::from_diagonal(&SIGMA.component_mul(&SIGMA)),
@@ -287,41 +151,21 @@ impl Perspective {
         }
     }
 
-    /// Adopts a perspective if enough votes agree on it.
+    /// Adopts the perspective that enough votes agree on.
     pub(crate) fn vote(&mut self, votes: impl Iterator<Item = Vote>) {
         let mut any = false;
         for vote in votes {
-            let repeated = |kept: &Option<Vote>| kept.is_some_and(|kept| vote.repeats(&kept));
-            let place = self.votes.iter().position(repeated).unwrap_or_else(|| {
-                self.next_vote = (self.next_vote + 1) % VOTES;
-                self.next_vote
-            });
-            self.votes[place] = Some(vote);
+            self.votes.add(vote);
             any = true;
         }
-        let mut kept = self.votes;
-        let count = |votes: &[Option<Vote>; VOTES]| votes.iter().flatten().count();
-        let n = count(&kept);
-        if !any || n < VOTES_MIN {
-            return;
-        }
-        for _ in 0..=n / STRAY_VOTES {
+        let fit = |votes: &mut dyn Iterator<Item = Vote>| {
             let mut trial = Self::new(self.size);
-            for vote in kept.iter().flatten() {
-                trial.add(vote.pixel, vote.reading);
-            }
+            votes.for_each(|vote| trial.add(vote.pixel, vote.reading));
             trial.fit();
-            let deviation = |vote: &Option<Vote>| vote.map_or(0.0, |vote| trial.deviation(&vote));
-            let deviations = kept.each_ref().map(deviation);
-            let worst = (0..VOTES).max_by(|&a, &b| deviations[a].total_cmp(&deviations[b]));
-            let Some(worst) = worst.filter(|&worst| deviations[worst] > VOTE_DEVIATIONS) else {
-                *self = trial;
-                return;
-            };
-            kept[worst] = None;
-            if count(&kept) < VOTES_MIN {
-                return;
-            }
+            trial
+        };
+        if any && let Some(agreed) = self.votes.agreed(fit, Self::deviation) {
+            *self = agreed;
         }
     }
 
@@ -487,93 +331,10 @@ fn between_plates([s, t]: [f64; 2]) -> f64 {
     PRINTED + LEVEL_RAD * s.hypot(t).sqrt()
 }
 
-/// `1 + bend |q|² - m · q`; proportional to the inverse of the distance from the camera.
-fn denominator(unknowns: &Vector4<f64>, [x, y]: [f64; 2]) -> f64 {
-    1.0 + unknowns[2] * (x * x + y * y) - unknowns[0] * x - unknowns[1] * y
-}
-
-/// Derivatives of the denominator.
-fn slope_of_denominator(unknowns: &Vector4<f64>, [x, y]: [f64; 2]) -> [f64; 2] {
-    [
-        2.0 * unknowns[2] * x - unknowns[0],
-        2.0 * unknowns[2] * y - unknowns[1],
-    ]
-}
-
-/// Derivatives of `q / denominator`.
-fn jacobian(unknowns: &Vector4<f64>, at: [f64; 2]) -> Matrix2<f64> {
-    let d = denominator(unknowns, at);
-    let slope = slope_of_denominator(unknowns, at);
-    Matrix2::from_fn(|i, k| {
-        let diagonal = if i == k { 1.0 / d } else { 0.0 };
-        diagonal - at[i] * slope[k] / (d * d)
-    })
-}
-
-/// The two numbers of the stretch at a place, in widths of the picture from its middle.
-fn stretch(unknowns: &Vector4<f64>, at: [f64; 2]) -> [f64; 2] {
-    let jacobian = jacobian(unknowns, at);
-    let slope = unknowns[3].exp() * Vector2::new(unknowns[0], unknowns[1]);
-    let metric = Matrix2::identity() + slope * slope.transpose();
-    // Of the floor, seen from the picture; the picture's is its inverse.
-    let on_floor = jacobian.transpose() * metric * jacobian;
-    let root = on_floor.determinant().max(1e-12).sqrt();
-    let (xx, xy, yy) = (
-        on_floor[(1, 1)] / root,
-        -on_floor[(0, 1)] / root,
-        on_floor[(0, 0)] / root,
-    );
-    // The logarithm of a symmetric matrix of determinant 1, halved.
-    let cosh = ((xx + yy) / 2.0).max(1.0);
-    let sinh = (cosh * cosh - 1.0).sqrt();
-    let ratio = if sinh > 1e-6 {
-        (cosh + sinh).ln() / sinh
-    } else {
-        1.0
-    };
-    [(xx - yy) / 4.0 * ratio, xy / 2.0 * ratio]
-}
-
-/// The stretch, and its derivatives with respect to the unknowns.
-fn stretch_and_slopes(unknowns: &Vector4<f64>, at: [f64; 2]) -> ([f64; 2], [Vector4<f64>; 2]) {
-    const STEP: f64 = 1e-4;
-    let mut slopes = [SVector::zeros(); 2];
-    for i in 0..4 {
-        let moved = |step: f64| {
-            let mut unknowns = *unknowns;
-            unknowns[i] += step;
-            stretch(&unknowns, at)
-        };
-        let (before, after) = (moved(-STEP), moved(STEP));
-        for (slope, (before, after)) in slopes.iter_mut().zip(before.into_iter().zip(after)) {
-            slope[i] = (after - before) / (2.0 * STEP);
-        }
-    }
-    (stretch(unknowns, at), slopes)
-}
-
-/// Terms of second degree of the map at a place, as movements in the picture: factors of x², xy and
-/// y² for x and y. Lengths in widths of the picture.
-fn curvature(unknowns: &Vector4<f64>, at: [f64; 2]) -> [[f64; 3]; 2] {
-    let d = denominator(unknowns, at);
-    let slope = slope_of_denominator(unknowns, at);
-    let second = |i: usize, j: usize, k: usize| {
-        let is = |a: usize, b: usize| f64::from(u8::from(a == b));
-        let bend = 2.0 * unknowns[2] * is(j, k);
-        -(is(i, j) * slope[k] + is(i, k) * slope[j] + at[i] * bend) / (d * d)
-            + 2.0 * at[i] * slope[j] * slope[k] / (d * d * d)
-    };
-    let terms = [(0, 0, 0.5), (0, 1, 1.0), (1, 1, 0.5)];
-    let columns = terms.map(|(j, k, share)| share * Vector2::new(second(0, j, k), second(1, j, k)));
-    let inverse = jacobian(unknowns, at).try_inverse();
-    let inverse = inverse.unwrap_or_else(Matrix2::identity);
-    let [xx, xy, yy] = columns.map(|column| inverse * column);
-    [0, 1].map(|i: usize| [xx[i], xy[i], yy[i]])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::marker::perspective::camera::stretch;
 
     const SIZE: Size = Size {
         width: 640,
@@ -608,45 +369,6 @@ mod tests {
             expected.reading([0.0; 2], [expected.sigma.powi(2); 2]),
             None
         );
-    }
-
-    #[test]
-    fn the_slopes_of_the_map_are_those_of_the_floor() {
-        let unknowns = Vector4::new(0.4, -0.3, -0.2, 0.1);
-        let floor = |[x, y]: [f64; 2]| [x, y].map(|c| c / denominator(&unknowns, [x, y]));
-        let at = [0.3, -0.2];
-        const STEP: f64 = 1e-3;
-        let moved = |x: f64, y: f64| floor([at[0] + x * STEP, at[1] + y * STEP]);
-        let jacobian = jacobian(&unknowns, at);
-        let inverse = jacobian.try_inverse().expect("it is regular");
-        for i in 0..2 {
-            let slope = (moved(1.0, 0.0)[i] - moved(-1.0, 0.0)[i]) / (2.0 * STEP);
-            assert!((slope - jacobian[(i, 0)]).abs() < 1e-4);
-        }
-        let of_second_degree = |direction: [f64; 2]| {
-            let [x, y] = direction;
-            let (before, after, here) = (moved(-x, -y), moved(x, y), floor(at));
-            let bend = [0, 1].map(|i: usize| before[i] + after[i] - 2.0 * here[i]);
-            inverse * Vector2::from(bend) / (2.0 * STEP * STEP)
-        };
-        let found = curvature(&unknowns, at);
-        let (along_x, along_y) = (of_second_degree([1.0, 0.0]), of_second_degree([0.0, 1.0]));
-        let both = of_second_degree([1.0, 1.0]);
-        for (i, [xx, xy, yy]) in found.into_iter().enumerate() {
-            assert!((xx - along_x[i]).abs() < 1e-3 && (yy - along_y[i]).abs() < 1e-3);
-            assert!((xx + xy + yy - both[i]).abs() < 1e-3);
-        }
-    }
-
-    /// A camera that is tilted by 30 degrees: its axis, and what is half as far off it.
-    #[test]
-    fn the_stretch_of_a_tilted_camera() {
-        let slope = 30f64.to_radians().tan();
-        let unknowns = Vector4::new(0.0, slope, 0.0, 0.0);
-        let [s, t] = stretch(&unknowns, [0.0, 0.0]);
-        assert!((s + 30f64.to_radians().cos().ln() / 2.0).abs() < 1e-9 && t.abs() < 1e-9);
-        assert!(stretch(&unknowns, [0.0, 0.3])[0] > s);
-        assert!(stretch(&unknowns, [0.0, -0.3])[0] < s);
     }
 
     #[test]

@@ -106,6 +106,21 @@ const PRIOR: Prior = Prior {
     may_be_covered: false,
 };
 
+/// The pose of the plate with this number.
+fn some_pose(i: usize, plate_px: f32) -> Pose {
+    Pose {
+        centre: [88.3 + 0.11 * i as f32, 84.8],
+        turn_rad: 0.9 * i as f32 - 2.0,
+        plate_px,
+        blur_px: 0.8,
+    }
+}
+
+/// Distance of two centres, pixels.
+fn off(pose: &Pose, truth: &Pose) -> f32 {
+    (pose.centre[0] - truth.centre[0]).hypot(pose.centre[1] - truth.centre[1])
+}
+
 fn near(pose: &Pose) -> Pose {
     Pose {
         centre: [pose.centre[0] + 0.7, pose.centre[1] - 0.6],
@@ -122,17 +137,11 @@ fn the_pose_is_found_from_a_start_nearby() {
         .into_iter()
         .enumerate()
     {
-        let truth = Pose {
-            centre: [88.3 + 0.11 * i as f32, 84.8],
-            turn_rad: 0.9 * i as f32 - 2.0,
-            plate_px,
-            blur_px: 0.8,
-        };
+        let truth = some_pose(i, plate_px);
         let plane = picture(SIZE, &truth, || 0.0);
         let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &PRIOR)
             .unwrap_or_else(|| panic!("{plate_px}: a plate that is there"));
-        let off =
-            (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+        let off = off(&fit.pose, &truth);
         let turned = (fit.pose.turn_rad - truth.turn_rad).abs();
         assert!(off < 0.01, "{plate_px}: {off} px");
         assert!(turned < 0.03 / plate_px, "{plate_px}: {turned} rad");
@@ -161,12 +170,7 @@ fn a_tone_curve_is_found_with_the_pose() {
         .into_iter()
         .enumerate()
     {
-        let truth = Pose {
-            centre: [88.3 + 0.11 * i as f32, 84.8],
-            turn_rad: 0.9 * i as f32 - 2.0,
-            plate_px,
-            blur_px: 0.8,
-        };
+        let truth = some_pose(i, plate_px);
         let plane = picture_with(&ToneCurve::new(exponent), SIZE, &truth, || 0.0);
         let unknown = Prior {
             tone: 0.75,
@@ -175,8 +179,7 @@ fn a_tone_curve_is_found_with_the_pose() {
         };
         let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &unknown)
             .unwrap_or_else(|| panic!("{exponent}: a plate that is there"));
-        let off =
-            (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+        let off = off(&fit.pose, &truth);
         // Blocks of a large plate are averaged with the expected curve.
         assert!((fit.tone - exponent).abs() < 0.05, "{}", fit.tone);
         assert!(off < 0.02, "{exponent}: {off} px");
@@ -199,12 +202,7 @@ fn sharpening_is_found_with_the_pose() {
         .into_iter()
         .enumerate()
     {
-        let truth = Pose {
-            centre: [88.3 + 0.11 * i as f32, 84.8],
-            turn_rad: 0.9 * i as f32 - 2.0,
-            plate_px,
-            blur_px: 0.8,
-        };
+        let truth = some_pose(i, plate_px);
         let softer = Pose {
             blur_px: (truth.blur_px * truth.blur_px + 1.0).sqrt(),
             ..truth
@@ -226,8 +224,7 @@ fn sharpening_is_found_with_the_pose() {
         };
         let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &unknown)
             .unwrap_or_else(|| panic!("{sharpening}: a plate that is there"));
-        let off =
-            (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+        let off = off(&fit.pose, &truth);
         assert!(off < 0.02, "{sharpening}: {off} px");
         let blurred = (fit.pose.blur_px / truth.blur_px - 1.0).abs();
         assert!(blurred < 0.15, "{sharpening}: {}", fit.pose.blur_px);
@@ -262,9 +259,7 @@ fn a_covered_plate_is_found_and_so_is_what_is_hidden() {
     };
     let fit =
         |plane: &[u8], prior: &Prior| fit_shape(plane, SIZE, None, layers(&samples), near, prior);
-    let off = |fit: &Fit| {
-        (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1])
-    };
+    let off = |fit: &Fit| off(&fit.pose, &truth);
     let bare = picture(SIZE, &truth, || 0.0);
     let whole = fit(&bare, &expected).expect("a plate that is there");
     assert!(off(&whole) < 0.01, "{}", off(&whole));
@@ -348,10 +343,9 @@ fn a_plate_at_an_angle_is_found_from_a_start_nearby() {
         .enumerate()
     {
         let truth = Pose {
-            centre: [88.3 + 0.11 * i as f32, 84.8],
             turn_rad: 0.9 * i as f32 - 1.0,
-            plate_px,
             blur_px: 0.7,
+            ..some_pose(i, plate_px)
         };
         let plane = compressed(SIZE, &truth, share, || 0.0);
         let (sin, cos) = (truth.turn_rad + 0.04).sin_cos();
@@ -362,8 +356,7 @@ fn a_plate_at_an_angle_is_found_from_a_start_nearby() {
         let layers = layers(&samples);
         let found = fit_curved_shape(&plane, SIZE, None, layers, start, &PRIOR, &ANY_ANGLE);
         let CurvedFit { fit, stretch, .. } = found.expect("a plate that is there");
-        let off =
-            (fit.pose.centre[0] - truth.centre[0]).hypot(fit.pose.centre[1] - truth.centre[1]);
+        let off = off(&fit.pose, &truth);
         let turned = (fit.pose.turn_rad - truth.turn_rad).abs();
         assert!(off < 0.02, "{plate_px}: {off} px");
         assert!(turned < 0.05 / plate_px, "{plate_px}: {turned} rad");
@@ -391,8 +384,6 @@ fn an_upright_fit_is_refined_to_the_angle() {
     let plane = compressed(SIZE, &truth, 0.96, || 0.0);
     let upright = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &PRIOR)
         .expect("nearly a square");
-    let off =
-        |pose: &Pose| (pose.centre[0] - truth.centre[0]).hypot(pose.centre[1] - truth.centre[1]);
     let layers = layers(&samples);
     let refined = refine_shape(
         &plane,
@@ -404,6 +395,7 @@ fn an_upright_fit_is_refined_to_the_angle() {
         &ANY_ANGLE,
     );
     let refined = refined.expect("it continues").fit;
+    let off = |pose: &Pose| off(pose, &truth);
     assert!(off(&refined.pose) < 0.01 && off(&refined.pose) < off(&upright.pose));
     assert!(refined.residual < upright.residual);
 }
