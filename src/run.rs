@@ -61,11 +61,12 @@ use crate::run::record::{FloorRequest, Recording, record};
 use crate::run::setup::Setup;
 use crate::run::slot::Slot;
 use crate::run::status::{Status, counted, log};
-use crate::run::threads::{joined, spawn};
+use crate::run::threads::{SLOTS, joined, spawn};
 use crate::source::Source;
 
-/// Maximum number of frames waiting for the recorder.
-const RECORD_QUEUE: usize = 8;
+/// Maximum number of frames waiting for the recorder. All that a camera sent while one frame took
+/// long come at once; a quarter of the slots remains for those that follow.
+const RECORD_QUEUE: usize = SLOTS - SLOTS / 4;
 
 /// How a run ended, apart from errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
