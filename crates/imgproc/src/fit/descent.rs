@@ -48,7 +48,7 @@ const COVERAGE_SIGMA: f32 = 0.006;
 const TONE_RANGE: [f32; 2] = [0.3, 1.4];
 
 /// Range of the sharpening.
-const SHARPENING_RANGE: [f32; 2] = [-0.4, 4.0];
+const SHARPENING_RANGE: [f32; 2] = [0.0, 4.0];
 
 /// Light on a plate, and how the camera shows it.
 #[derive(Debug, Clone, Copy)]
