@@ -406,14 +406,17 @@ fn draw(
             for (before, plane) in before.iter_mut().zip(&*planes) {
                 *before = plane[at];
             }
+            // Within a pixel, every camera is affine to a thousandth of a pixel.
+            let [left, right, top, bottom] = [[-0.5, 0.0], [0.5, 0.0], [0.0, -0.5], [0.0, 0.5]]
+                .map(|[dx, dy]| to_floor([x as f32 + dx, y as f32 + dy]));
             let mut sums = [0.0; 3];
             for i in 0..SUBSAMPLES * SUBSAMPLES {
                 let offset = |i: usize| (i as f32 + 0.5) / SUBSAMPLES as f32 - 0.5;
-                let at = to_floor([
-                    x as f32 + offset(i % SUBSAMPLES),
-                    y as f32 + offset(i / SUBSAMPLES),
-                ]);
-                let point = [at[0] - centre[0], at[1] - centre[1]];
+                let [dx, dy] = [offset(i % SUBSAMPLES), offset(i / SUBSAMPLES)];
+                let point = [0, 1].map(|i: usize| {
+                    let middle = (left[i] + right[i] + top[i] + bottom[i]) / 4.0;
+                    middle + dx * (right[i] - left[i]) + dy * (bottom[i] - top[i]) - centre[i]
+                });
                 let colour = plate.colour(point, side, palette, gamma).unwrap_or(before);
                 for (sum, value) in sums.iter_mut().zip(colour) {
                     *sum += value / (SUBSAMPLES * SUBSAMPLES) as f32;
