@@ -103,8 +103,10 @@ fn learning_shows_its_progress() {
 #[test]
 fn the_line_is_redrawn_after_ctrl_z() {
     let folder = folder();
-    let stop_and_go = "& sleep 2; kill -STOP $!; kill -CONT $!; wait";
-    let arguments = format!("{DEMO} {stop_and_go}");
+    // Long after the first line, which takes a busy machine three seconds.
+    let stop_and_go = "& sleep 6; kill -STOP $!; kill -CONT $!; wait";
+    let longer = DEMO.replace("80", "240");
+    let arguments = format!("{longer} {stop_and_go}");
     let Some(written) = in_terminal(folder.path(), 80, "", &arguments) else {
         return;
     };
