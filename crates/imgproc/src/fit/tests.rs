@@ -238,6 +238,33 @@ fn sharpening_is_found_with_the_pose() {
     }
 }
 
+/// A picture that is mixed with a softer one has more blur, not negative sharpening.
+#[test]
+fn a_softened_picture_is_a_blurred_one() {
+    let samples = samples();
+    let truth = some_pose(1, 24.0);
+    let softer = Pose {
+        blur_px: (truth.blur_px * truth.blur_px + 1.0).sqrt(),
+        ..truth
+    };
+    let seen = |pose: &Pose| picture(SIZE, pose, || 0.0).into_iter().map(f32::from);
+    let plane: Vec<u8> = seen(&truth)
+        .zip(seen(&softer))
+        .map(|(own, soft)| (0.8 * own + 0.2 * soft).round() as u8)
+        .collect();
+    let unknown = Prior {
+        noise: 1.0,
+        sharpening: 0.3,
+        sharpening_sigma: 0.5,
+        ..PRIOR
+    };
+    let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &unknown)
+        .expect("a plate that is there");
+    assert!(off(&fit.pose, &truth) < 0.02);
+    assert!((0.0..0.05).contains(&fit.sharpening), "{}", fit.sharpening);
+    assert!(fit.pose.blur_px > truth.blur_px, "{}", fit.pose.blur_px);
+}
+
 #[test]
 fn a_covered_plate_is_found_and_so_is_what_is_hidden() {
     let samples = samples();
