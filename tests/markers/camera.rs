@@ -38,24 +38,3 @@ fn tone_curves_and_sharpening_cost_no_marker_and_hardly_any_accuracy() {
         assert!(score.heading_deg() <= heading_deg, "{name}");
     }
 }
-
-/// More of them: `cargo test --release --test markers -- --ignored --nocapture every_camera`.
-/// `FRAMES` sets how many frames a row has.
-#[test]
-#[ignore = "takes minutes"]
-fn every_camera() {
-    let frames = std::env::var("FRAMES").map_or(20, |n| n.parse().expect("a number"));
-    for plate_px in [12.0, 16.0, 24.0, 32.0, 48.0, 64.0] {
-        for (gamma, sharpening) in [
-            (1.0, 0.0),
-            (1.6, 0.0),
-            (2.2, 0.0),
-            (2.4, 0.0),
-            (1.0, 1.0),
-            (1.0, 2.0),
-            (2.2, 0.7),
-        ] {
-            seen(plate_px, gamma, sharpening, frames);
-        }
-    }
-}
