@@ -78,8 +78,8 @@ impl ToneCurve {
     #[inline]
     pub(crate) fn lit(&self, grey: f32) -> Lit {
         let power = grey.max(STRAIGHT_BELOW);
-        let ln = ln(power / WHITE);
-        let light = WHITE * exp(ln / self.exponent);
+        let ln = libm::logf(power / WHITE);
+        let light = WHITE * libm::expf(ln / self.exponent);
         let per_grey = light / (self.exponent * power);
         Lit {
             light: light + per_grey * (grey - power),
@@ -92,8 +92,8 @@ impl ToneCurve {
     pub(crate) fn shown(&self, light: f32) -> Shown {
         let is_power = light > self.straight_light;
         let power = if is_power { light } else { self.straight_light };
-        let ln = ln(power / WHITE);
-        let grey = WHITE * exp(self.exponent * ln);
+        let ln = libm::logf(power / WHITE);
+        let grey = WHITE * libm::expf(self.exponent * ln);
         let per_light = if is_power {
             self.exponent * grey / light
         } else {
@@ -107,52 +107,9 @@ impl ToneCurve {
     }
 }
 
-/// Natural logarithm of a positive, normal number to within 2e-7, by the series of its inverse
-/// hyperbolic tangent. A fit needs it for every pixel, and libm's takes most of its time.
-#[inline(always)]
-fn ln(x: f32) -> f32 {
-    // x is mantissa · 2^exponent, with a mantissa of 2/3 to 4/3.
-    const TWO_THIRDS: u32 = 0x3f2a_aaab;
-    let bits = x.to_bits();
-    let exponent = bits.wrapping_sub(TWO_THIRDS).cast_signed() >> 23;
-    let mantissa = f32::from_bits(bits.wrapping_sub((exponent << 23).cast_unsigned()));
-    let s = (mantissa - 1.0) / (mantissa + 1.0);
-    let s2 = s * s;
-    let series = 2.0 + s2 * (2.0 / 3.0 + s2 * (2.0 / 5.0 + s2 * (2.0 / 7.0)));
-    exponent as f32 * core::f32::consts::LN_2 + s * series
-}
-
-/// Exponential of a number from -20 to 20 to within a share of 2e-6, by its power series.
-#[inline(always)]
-fn exp(x: f32) -> f32 {
-    // Adding it leaves no digits after the point.
-    const ROUNDS: f32 = 12_582_912.0;
-    let x = x.clamp(-80.0, 80.0);
-    let exponent = (x * core::f32::consts::LOG2_E + ROUNDS) - ROUNDS;
-    let r = x - exponent * core::f32::consts::LN_2;
-    let series = 0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r / 720.0)));
-    let power = f32::from_bits(((exponent as i32 + 127) << 23).cast_unsigned());
-    power * (1.0 + r * (1.0 + r * series))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn exponentials_and_logarithms_are_those_of_libm() {
-        for i in -4000..=4000i16 {
-            let x = f32::from(i) / 200.0;
-            let exact = libm::exp(f64::from(x));
-            assert!((f64::from(exp(x)) / exact - 1.0).abs() < 2e-6, "exp({x})");
-            let y = libm::expf(x);
-            let off = f64::from(ln(y)) - libm::log(f64::from(y));
-            assert!(
-                off.abs() < 2e-7 * (1.0 + libm::fabs(f64::from(x))),
-                "ln({y})"
-            );
-        }
-    }
 
     #[test]
     fn an_exponent_of_one_changes_nothing() {
