@@ -41,10 +41,6 @@ pub(super) struct Curved {
     light: Light,
     pub(super) map: PlateMap,
     pub(super) blur_px: f32,
-    /// Whether no step was taken yet. The blur then counts as round on the plate: most fits end
-    /// with the first round, because the shape is another one, and the difference costs half of
-    /// their time.
-    is_start: bool,
     /// What the stretch is expected to be.
     expected: StretchPrior,
 }
@@ -64,7 +60,6 @@ impl Curved {
             light: Light::new(prior),
             map,
             blur_px,
-            is_start: true,
             expected,
         }
     }
@@ -182,7 +177,7 @@ impl Model<UNKNOWNS> for Curved {
             view.soft_variance(self.blur_px),
         ];
         let [s, t] = self.map.stretch();
-        let is_round = self.is_start || libm::hypotf(s, t) < ROUND;
+        let is_round = libm::hypotf(s, t) < ROUND;
         let footprint = Footprint {
             centre: origin,
             reach,
@@ -269,7 +264,6 @@ impl Model<UNKNOWNS> for Curved {
         let reach = f32::min(0.15, 2.0 / unit_px);
         let share = if moved > reach { reach / moved } else { 1.0 };
         let step = step.map(|s| s as f32);
-        self.is_start = false;
         self.blur_px *= libm::expf(step[BLUR].clamp(-0.4, 0.4));
         for (first, factors) in FACTORS.into_iter().zip(&mut self.map.factors) {
             for (factor, step) in factors.iter_mut().zip(&step[first..]) {
@@ -279,9 +273,7 @@ impl Model<UNKNOWNS> for Curved {
     }
 
     fn is_small(&self, step: &[f64; UNKNOWNS]) -> bool {
-        !self.is_start
-            && moved(step) * self.map.unit_px < LAST_MOVE_PX
-            && step[BLUR].abs() < LAST_STEP_BLUR
+        moved(step) * self.map.unit_px < LAST_MOVE_PX && step[BLUR].abs() < LAST_STEP_BLUR
     }
 
     fn is_near(&self, start: &Self) -> bool {
