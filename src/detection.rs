@@ -1,13 +1,19 @@
 //! From shapes to detections: each shape is a marked object or an obstacle (sections 2.1.2 to 2.2.3
 //! of the paper).
 
+mod attempt;
+mod expected;
 pub(crate) mod known;
+mod searched;
 
 use fourier::contour::{Region, region};
 use imgproc::contour::{contour_capacity, fill_contour};
 use imgproc::{Bounds, Size};
 
+use crate::detection::attempt::{Attempt, Channel, Part};
+use crate::detection::expected::Again;
 use crate::detection::known::{KNOWN_MAX, KnownMarkers, Reading};
+use crate::detection::searched::SearchedShapes;
 use crate::geometry::outline::{Outline, simplified};
 use crate::image::frame::Picture;
 use crate::marker::colour::{intensity, project};
@@ -15,7 +21,7 @@ use crate::marker::cutout::{Cutout, CutoutScratch, find_plates};
 use crate::marker::optics::{Imaging, Optics};
 use crate::marker::perspective::{Perspective, Vote};
 use crate::marker::search::{SearchScratch, find_figures};
-use crate::marker::{Expected, Family, Recognised, RecognitionSettings};
+use crate::marker::{Family, Recognised, RecognitionSettings};
 use crate::segmentation::SeenPlate;
 use crate::segmentation::shapes::{Shape, Shapes};
 
@@ -60,10 +66,6 @@ const SEARCHED_CONTRAST_MIN: f32 = 8.0;
 /// Maximum area of a robot, in areas of its plate.
 const ROBOT_PLATES: f64 = 6.0;
 
-/// Half the diagonal of a plate, in units of its side, and what an expected plate may be off.
-const HALF_DIAGONAL: f64 = 0.71;
-const EXPECTED_MARGIN_PX: f64 = 4.0;
-
 /// An object on the floor, in image coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Detection {
@@ -85,12 +87,14 @@ impl Detection {
         self.marker.is_some() && distance(self.centre, pixel) < SAME_PLATE * self.size_px
     }
 
-    fn reading(&self) -> Option<Reading> {
+    /// The reading, if the marker's shape has this area.
+    fn reading(&self, shape_px2: f64) -> Option<Reading> {
         self.marker.map(|marker| Reading {
             marker: marker.marker,
             centre: self.centre,
             heading_rad: f64::from(marker.heading_rad),
             plate_px: self.size_px,
+            shape_px2,
         })
     }
 }
@@ -108,6 +112,15 @@ struct ShapeOf {
     covered: f32,
 }
 
+/// What is read in a frame, and how.
+#[derive(Clone, Copy)]
+pub(crate) struct Input<'a> {
+    pub(crate) picture: &'a Picture,
+    pub(crate) family: &'a Family,
+    /// The settings for an image position.
+    pub(crate) recognition: &'a dyn Fn([f64; 2]) -> RecognitionSettings,
+}
+
 /// Memory for the detections of one frame, and the estimated optics of the camera.
 #[derive(Debug)]
 pub(crate) struct Detector {
@@ -120,7 +133,11 @@ pub(crate) struct Detector {
     imaging: Imaging,
     perspective: Perspective,
     votes: Vec<Vote>,
-    expected: Vec<Reading>,
+    /// Markers of the last frame that were read where they were expected.
+    again: Vec<Again>,
+    /// Markers that are expected and not read.
+    missing: Vec<Reading>,
+    searched: SearchedShapes,
     detections: Vec<Detection>,
     /// One for each detection.
     shapes: Vec<ShapeOf>,
@@ -128,7 +145,7 @@ pub(crate) struct Detector {
 
 impl Detector {
     /// Allocates for frames of one size.
-    pub(crate) fn new(size: Size) -> Self {
+    pub(crate) fn new(size: Size, rate_hz: f64) -> Self {
         Self {
             size,
             polygon: Vec::with_capacity(contour_capacity(size)),
@@ -139,7 +156,9 @@ impl Detector {
             imaging: Imaging::new(),
             perspective: Perspective::new(size),
             votes: Vec::with_capacity(MAX_DETECTIONS),
-            expected: Vec::with_capacity(KNOWN_MAX),
+            again: Vec::with_capacity(KNOWN_MAX),
+            missing: Vec::with_capacity(KNOWN_MAX),
+            searched: SearchedShapes::new(rate_hz),
             detections: Vec::with_capacity(MAX_DETECTIONS),
             shapes: Vec::with_capacity(MAX_DETECTIONS),
         }
@@ -151,20 +170,18 @@ impl Detector {
         self.perspective = Perspective::new(self.size);
     }
 
-    /// Returns one or more detections for each shape, in reading order, and the number of shapes
-    /// and markers dropped for lack of space. `noise` is the noise of a pixel in grey levels;
-    /// `recognition` gives the settings for an image position.
-    pub(crate) fn detect(
-        &mut self,
-        shapes: &Shapes,
-        picture: &Picture,
-        noise: f32,
-        family: &Family,
-        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
-    ) -> u32 {
+    /// Begins a frame. `noise` is the noise of a pixel in grey levels.
+    pub(crate) fn begin_frame(&mut self, noise: f32) {
         self.imaging.noise = noise;
+        self.again.clear();
+        self.searched.begin_frame();
+    }
+
+    /// Returns one or more detections for each shape, in reading order, and the number of shapes
+    /// and markers dropped for lack of space.
+    pub(crate) fn detect(&mut self, shapes: &Shapes, input: &Input<'_>) -> u32 {
         let was_known = self.imaging.is_known();
-        let overflow = self.detect_in_shapes(shapes, picture, family, recognition);
+        let overflow = self.detect_in_shapes(shapes, input);
         if was_known {
             return overflow;
         }
@@ -175,28 +192,22 @@ impl Detector {
             return overflow;
         }
         self.votes.clear();
-        self.detect_in_shapes(shapes, picture, family, recognition)
+        self.detect_in_shapes(shapes, input)
     }
 
-    fn detect_in_shapes(
-        &mut self,
-        shapes: &Shapes,
-        picture: &Picture,
-        family: &Family,
-        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
-    ) -> u32 {
+    fn detect_in_shapes(&mut self, shapes: &Shapes, input: &Input<'_>) -> u32 {
         self.detections.clear();
         self.shapes.clear();
         let mut overflow = shapes.overflow();
         for (number, shape) in shapes.iter().enumerate() {
             overflow += if self.detections.len() < MAX_DETECTIONS {
-                self.detect_in_shape(number, shape, picture, family, recognition)
+                self.detect_in_shape(number, shape, input)
             } else {
                 1
             };
         }
         self.settle_plates_of_two_shapes();
-        overflow
+        overflow + self.add_unclaimed()
     }
 
     /// The detections of the frame so far.
@@ -206,7 +217,15 @@ impl Detector {
 
     /// The markers that were read in the frame.
     pub(crate) fn readings(&self) -> impl Iterator<Item = Reading> + Clone + '_ {
-        self.detections.iter().filter_map(Detection::reading)
+        let all = self.detections.iter().zip(&self.shapes);
+        all.filter_map(|(detection, shape)| {
+            let of_shape = |other: &&ShapeOf| other.number == shape.number;
+            let n_markers = match shape.number {
+                NO_SHAPE => 1,
+                _ => self.shapes.iter().filter(of_shape).count(),
+            };
+            detection.reading(f64::from(shape.region.area) / n_markers as f64)
+        })
     }
 
     /// The plates that were read in the frame.
@@ -241,11 +260,14 @@ impl Detector {
     pub(crate) fn search(
         &mut self,
         bounds: Bounds,
-        picture: &Picture,
-        family: &Family,
-        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
+        input: &Input<'_>,
         known: &mut KnownMarkers,
     ) -> u32 {
+        let Input {
+            picture,
+            family,
+            recognition,
+        } = *input;
         let size = bounds.size();
         let (grey, mask) = (&mut self.grey[..size.area()], &mut self.mask[..size.area()]);
         intensity(picture, bounds, grey);
@@ -286,10 +308,8 @@ impl Detector {
                 let read = family.recognise_figure(&figure, cutout, &optics, &stricter);
                 if let Some(marker) = read.filter(|read| is_reading(read, corner, votes)) {
                     let found = marked(marker, corner, plate_outline(&marker, corner));
-                    if found
-                        .reading()
-                        .is_some_and(|reading| known.confirms(reading))
-                    {
+                    let reading = found.reading(found.size_px * found.size_px);
+                    if reading.is_some_and(|reading| known.confirms(reading)) {
                         lost += add_searched(detections, &mut self.shapes, found);
                     }
                 }
@@ -298,65 +318,9 @@ impl Detector {
         lost
     }
 
-    /// Adds markers that are where they are expected although a part of the plate is covered. Returns
-    /// the number dropped for lack of space.
-    pub(crate) fn expect(
-        &mut self,
-        known: &KnownMarkers,
-        picture: &Picture,
-        family: &Family,
-        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
-    ) -> u32 {
-        let readings = self.detections.iter().filter_map(Detection::reading);
-        self.expected.clear();
-        self.expected.extend(known.missing(readings));
-        let mut lost = 0;
-        for i in 0..self.expected.len() {
-            let expected = self.expected[i];
-            let is_taken = |d: &Detection| d.is_plate_at(expected.centre);
-            if self.detections.iter().any(is_taken) {
-                continue;
-            }
-            let half_px = HALF_DIAGONAL * expected.plate_px + EXPECTED_MARGIN_PX;
-            let bounds = Bounds::around(expected.centre, half_px, self.size);
-            let size = bounds.size();
-            let (grey, mask) = (&mut self.grey[..size.area()], &mut self.mask[..size.area()]);
-            intensity(picture, bounds, grey);
-            mask.fill(1);
-            let corner = [f64::from(bounds.left), f64::from(bounds.top)];
-            let optics = Optics {
-                imaging: self.imaging,
-                stretch: self.perspective.at(expected.centre),
-            };
-            let marker = family.recognise_expected(
-                &Expected {
-                    marker: expected.marker,
-                    centre: [0, 1].map(|i| (expected.centre[i] - corner[i]) as f32),
-                    heading_rad: expected.heading_rad as f32,
-                    plate_px: expected.plate_px as f32,
-                },
-                Cutout { size, grey, mask },
-                &optics,
-                &recognition(expected.centre),
-            );
-            if let Some(marker) = marker {
-                let found = marked(marker, corner, plate_outline(&marker, corner));
-                lost += add_searched(&mut self.detections, &mut self.shapes, found);
-            }
-        }
-        lost
-    }
-
     /// Finds the markers of one shape, or reports it as an obstacle. Returns the number dropped for
     /// lack of space.
-    fn detect_in_shape(
-        &mut self,
-        number: usize,
-        shape: Shape<'_>,
-        picture: &Picture,
-        family: &Family,
-        recognition: &dyn Fn([f64; 2]) -> RecognitionSettings,
-    ) -> u32 {
+    fn detect_in_shape(&mut self, number: usize, shape: Shape<'_>, input: &Input<'_>) -> u32 {
         let outline = simplified(shape.contour);
         self.polygon.clear();
         self.polygon.extend(
@@ -366,32 +330,36 @@ impl Detector {
                 .map(|p| [f32::from(p.x), f32::from(p.y)]),
         );
         let region = region(&self.polygon);
-        let width_px = region.area.max(0.0).sqrt();
-        let settings = recognition(region.centre.map(f64::from));
-        // What remains of a shape that is cut off may look like another marker.
-        let fits = |attempt: &Attempt| !(shape.is_cut && matches!(attempt.part, Part::Shape));
-        for attempt in Attempt::ALL.into_iter().filter(fits) {
-            let known = self.detections.len();
-            let lost = self.read_markers(
-                attempt,
-                (shape, width_px),
-                outline,
-                picture,
-                family,
-                &settings,
-            );
-            self.keep_covered(known, number, region, shape);
-            if lost > 0 || self.detections.len() > known {
-                return lost;
+        let first = self.detections.len();
+        if self.claim(first, number, region, shape, outline) {
+            return 0;
+        }
+        self.detections.truncate(first);
+        self.shapes.truncate(first);
+        let in_vain = self.searched.in_vain(&region);
+        let mut lost = 0;
+        for attempt in self.searched.attempts(&in_vain) {
+            // What remains of a shape that is cut off may look like another marker.
+            if shape.is_cut && matches!(attempt.part, Part::Shape) {
+                continue;
+            }
+            lost = self.read_markers(attempt, shape, &region, outline, input);
+            self.keep_covered(first, number, region, shape);
+            if lost > 0 || self.detections.len() > first {
+                break;
             }
         }
-        self.detections.push(obstacle(&region, outline));
-        self.shapes.push(ShapeOf {
-            number,
-            region,
-            covered: 0.0,
-        });
-        0
+        self.claim(first, number, region, shape, outline);
+        if lost == 0 && self.detections.len() == first {
+            self.searched.add(in_vain);
+            self.detections.push(obstacle(&region, outline));
+            self.shapes.push(ShapeOf {
+                number,
+                region,
+                covered: 0.0,
+            });
+        }
+        lost
     }
 
     /// Drops those markers found for one shape, from index `known` on, that do not belong to it:
@@ -459,12 +427,18 @@ impl Detector {
     fn read_markers(
         &mut self,
         attempt: Attempt,
-        (shape, width_px): (Shape<'_>, f32),
+        shape: Shape<'_>,
+        region: &Region,
         outline: Outline,
-        picture: &Picture,
-        family: &Family,
-        settings: &RecognitionSettings,
+        input: &Input<'_>,
     ) -> u32 {
+        let Input {
+            picture,
+            family,
+            recognition,
+        } = *input;
+        let settings = recognition(region.centre.map(f64::from));
+        let width_px = region.area.max(0.0).sqrt();
         let margin_px = match attempt.part {
             // The contour of a figure is traced with sub-pixel precision.
             Part::Shape => 1,
@@ -500,7 +474,7 @@ impl Detector {
         let mut lost = 0;
         find_plates(cutout, &imaging.tone(), &mut self.cutout, |plate| {
             let corner = [f64::from(around.left), f64::from(around.top)];
-            let read = family.recognise(&plate, cutout, &optics, settings);
+            let read = family.recognise(&plate, cutout, &optics, &settings);
             let Some(marker) = read.filter(|read| is_reading(read, corner, &mut self.votes)) else {
                 return false;
             };
@@ -611,40 +585,4 @@ fn covered(detection: &Detection, bounds: Bounds, mask: &[u8]) -> f32 {
     }
     let circle = std::f64::consts::PI * radius * radius;
     (f64::from(n_covered) / circle) as f32
-}
-
-/// One way to search for markers.
-#[derive(Debug, Clone, Copy)]
-struct Attempt {
-    part: Part,
-    channel: Channel,
-}
-
-#[derive(Debug, Clone, Copy)]
-enum Part {
-    /// Only the shape.
-    Shape,
-    /// The shape and its surroundings: if the plate has the colour of the floor, only the marker
-    /// differs from it.
-    Around,
-}
-
-#[derive(Debug, Clone, Copy)]
-enum Channel {
-    Intensity,
-    Colour,
-}
-
-impl Attempt {
-    /// In the order of the attempts.
-    const ALL: [Self; 4] = [
-        Self::new(Part::Shape, Channel::Intensity),
-        Self::new(Part::Shape, Channel::Colour),
-        Self::new(Part::Around, Channel::Intensity),
-        Self::new(Part::Around, Channel::Colour),
-    ];
-
-    const fn new(part: Part, channel: Channel) -> Self {
-        Self { part, channel }
-    }
 }

@@ -12,7 +12,7 @@ use crate::background::learner::Learner;
 use crate::background::model::BackgroundModel;
 use crate::background::region::Region;
 use crate::detection::known::{KNOWN_MAX, KnownMarkers};
-use crate::detection::{Detection, Detector, MAX_DETECTIONS};
+use crate::detection::{Detection, Detector, Input, MAX_DETECTIONS};
 use crate::geometry::calibration::{Calibration, FloorPoint};
 use crate::geometry::outline::Outline;
 use crate::image::frame::{DecodeError, Frame, Picture, decode};
@@ -99,7 +99,7 @@ impl View {
             learning: Learning::Collecting(Box::new(Learner::new(size, settings.learn))),
             region: None,
             picture: Picture::new(size),
-            detector: Detector::new(size),
+            detector: Detector::new(size, rate_hz),
             known: KnownMarkers::new(
                 size,
                 rate_hz,
@@ -228,14 +228,20 @@ impl View {
             self.settings
                 .recognition(floor.map(|floor| floor.metres_per_px()))
         };
-        let (picture, family) = (&self.picture, &self.family);
-        let mut overflow = self
-            .detector
-            .detect(shapes, picture, noise, family, &recognition);
+        let input = Input {
+            picture: &self.picture,
+            family: &self.family,
+            recognition: &recognition,
+        };
         self.known.begin_frame();
+        self.detector.begin_frame(noise);
+        if light != Light::Dark {
+            self.detector.read_again(&self.known, &input);
+        }
+        let mut overflow = self.detector.detect(shapes, &input);
         if light != Light::Dark {
             let first = if std::mem::take(&mut self.is_floor_new) {
-                picture.size.bounds()
+                input.picture.size.bounds()
             } else {
                 self.known.next_tile()
             };
@@ -244,13 +250,9 @@ impl View {
             self.known
                 .add_windows_of_missing(self.detector.readings(), &mut self.windows);
             for &bounds in &self.windows {
-                overflow +=
-                    self.detector
-                        .search(bounds, picture, family, &recognition, &mut self.known);
+                overflow += self.detector.search(bounds, &input, &mut self.known);
             }
-            overflow += self
-                .detector
-                .expect(&self.known, picture, family, &recognition);
+            overflow += self.detector.read_covered(&self.known, &input);
         }
         self.detector.end_frame();
         let detections = self.detector.detections();

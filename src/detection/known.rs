@@ -25,6 +25,9 @@ const AGREEING_SIZE: f64 = 1.15;
 /// A marker is expected after this many readings. What was mistaken for one once must not go on.
 const READ_MIN: u32 = 3;
 
+/// A marker that is read where it is expected is searched for in every so many frames.
+const SEARCHED_EVERY: u32 = 8;
+
 /// Maximum number of known markers.
 pub(crate) const KNOWN_MAX: usize = 2 * scene::MAX_OBJECTS;
 
@@ -36,6 +39,9 @@ pub(crate) struct Reading {
     pub(crate) centre: [f64; 2],
     pub(crate) heading_rad: f64,
     pub(crate) plate_px: f64,
+    /// Area of the shape that it lies in, divided among the markers of the shape. That of the plate
+    /// without a shape.
+    pub(crate) shape_px2: f64,
 }
 
 /// A marker of the last frames.
@@ -119,6 +125,18 @@ impl KnownMarkers {
                 windows.push(Bounds::around(last.centre, half, self.size));
             }
         }
+    }
+
+    /// Where markers are expected that were read often enough and in the last frame, and whether they
+    /// are to be searched for all the same.
+    pub(crate) fn again(&self) -> impl Iterator<Item = (Reading, bool)> {
+        self.known
+            .iter()
+            .filter(|known| known.n_read >= READ_MIN && known.missed == 1)
+            .map(|known| {
+                let is_search_due = known.n_read.is_multiple_of(SEARCHED_EVERY);
+                (known.expected(), is_search_due)
+            })
     }
 
     /// Where markers are expected that were read often enough, but are not among the readings of this
@@ -230,6 +248,7 @@ mod tests {
             centre,
             heading_rad,
             plate_px: 24.0,
+            shape_px2: 576.0,
         }
     }
 

@@ -1,6 +1,8 @@
 //! Recognition of a figure and its pose: candidates by the descriptor, pose by the fit, decision by
 //! the residual of the fit.
 
+mod expected;
+
 use fourier::affine::{Normalised, align, normalise};
 use fourier::contour::resample;
 use fourier::descriptor::{Descriptor, describe};
@@ -15,6 +17,7 @@ use crate::marker::Family;
 use crate::marker::cutout::{Cutout, Figure, Plate, Square};
 use crate::marker::optics::{ImagingReading, Optics};
 use crate::marker::perspective::{Seen, StretchReading};
+pub(crate) use crate::marker::recognition::expected::Expected;
 use crate::marker::reference::{AngleReference, ORIENTATION_MIN, Reference, size_px};
 use crate::marker::template::Pattern;
 
@@ -95,22 +98,6 @@ const PART_RESIDUAL_RATIO: f32 = 0.8;
 /// compressed picture was a tee with an exponent of 1.4. Whole plates with thick ink have up to 1.3.
 const PART_TONE_MAX: f32 = 1.25;
 
-/// Maximum share of an expected marker's plate that may be hidden. What covers it comes from
-/// outside: inside, no more may be hidden than this share, and this multiple of the share at the
-/// rim. Otherwise the plate carries another figure.
-const EXPECTED_HIDDEN_MAX: f32 = 0.35;
-const EXPECTED_HIDDEN_INSIDE: (f32, f32) = (0.03, 2.0);
-
-/// Minimum R² for an expected marker. What covers its plate may be nearly as light.
-const EXPECTED_R_SQUARED_MIN: f32 = 0.975;
-
-/// Maximum difference of an expected marker's centre, relative to the plate and in pixels, of its
-/// heading, and of the logarithm of its size.
-const EXPECTED_OFF: (f32, f32) = (0.1, 1.5);
-const EXPECTED_TURNED_RAD: f32 = 0.25;
-const EXPECTED_LN_SIGMA: f32 = 0.01;
-const EXPECTED_LN_OFF: f32 = 0.04;
-
 /// Thresholds for the recognition of markers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RecognitionSettings {
@@ -146,16 +133,6 @@ pub struct Recognised {
     pub(crate) imaging: Option<ImagingReading>,
     /// How the camera stretches the plate, if the marker shows it.
     pub(crate) stretch: Option<StretchReading>,
-}
-
-/// A marker that must be near, because it was a frame ago. In the coordinates of the cut-out.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Expected {
-    /// Index in the family.
-    pub(crate) marker: usize,
-    pub(crate) centre: [f32; 2],
-    pub(crate) heading_rad: f32,
-    pub(crate) plate_px: f32,
 }
 
 /// A marker that matches a figure.
@@ -212,51 +189,6 @@ impl Family {
         settings: &RecognitionSettings,
     ) -> Option<Recognised> {
         self.recognise_contour(figure, None, cutout, optics, settings)
-    }
-
-    /// Reads a marker where it is expected, although something may cover a part of its plate.
-    pub(crate) fn recognise_expected(
-        &self,
-        expected: &Expected,
-        cutout: Cutout<'_>,
-        optics: &Optics,
-        settings: &RecognitionSettings,
-    ) -> Option<Recognised> {
-        let pose = Pose {
-            centre: expected.centre,
-            turn_rad: expected.heading_rad + std::f32::consts::FRAC_PI_2,
-            plate_px: expected.plate_px,
-            blur_px: optics.imaging.blur_px(),
-        };
-        let layers = self.markers[expected.marker].template.layers();
-        let Cutout { grey, size, .. } = cutout;
-        let (prior, stretch) = priors(optics, settings, pose.plate_px);
-        let prior = Prior {
-            plate_ln_sigma: EXPECTED_LN_SIGMA,
-            may_be_covered: true,
-            ..prior
-        };
-        let fit = if optics.stretch.seen() == Seen::Unknown {
-            fit_shape(grey, size, None, layers, pose, &prior)?
-        } else {
-            let map = PlateMap::stretched(&pose, stretch.stretch);
-            let curved = fit_curved_shape(grey, size, None, layers, map, &prior, &stretch)?;
-            likely(curved, optics)?.fit
-        };
-        let read = read(expected.marker, &fit, settings)?;
-        let [dx, dy] = [0, 1].map(|i| read.centre[i] - expected.centre[i]);
-        let (share, px) = EXPECTED_OFF;
-        let [inside, rim] = fit.hidden;
-        let (least, per_rim) = EXPECTED_HIDDEN_INSIDE;
-        let is_there = dx.hypot(dy) < share * expected.plate_px + px
-            && wrapped(read.heading_rad - expected.heading_rad).abs() < EXPECTED_TURNED_RAD
-            && (read.plate_px / expected.plate_px).ln().abs() < EXPECTED_LN_OFF;
-        (is_there
-            && inside < EXPECTED_HIDDEN_MAX
-            && inside < least + per_rim * rim
-            && fit.r_squared >= EXPECTED_R_SQUARED_MIN
-            && explains(&fit, optics.imaging.noise(), settings))
-        .then_some(read)
     }
 
     fn recognise_contour(
@@ -384,9 +316,9 @@ impl Family {
     ) -> Option<Fitted> {
         let layers = self.markers[marker].template.layers();
         let Cutout { grey, size, .. } = cutout;
-        let pose = &upright.pose;
-        let (prior, expected) = priors(optics, settings, pose.plate_px);
-        refine_shape(grey, size, within, layers, pose, &prior, &expected)
+        let (prior, expected) = priors(optics, settings, upright.pose.plate_px);
+        let start = PlateMap::upright(&upright.pose);
+        refine_shape(grey, size, within, layers, start, &prior, &expected)
             .and_then(|curved| likely(curved, optics))
     }
 

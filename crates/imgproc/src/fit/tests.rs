@@ -417,7 +417,7 @@ fn an_upright_fit_is_refined_to_the_angle() {
         SIZE,
         None,
         layers,
-        &upright.pose,
+        PlateMap::upright(&upright.pose),
         &PRIOR,
         &ANY_ANGLE,
     );
