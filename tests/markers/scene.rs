@@ -102,6 +102,14 @@ fn light_of(grey: f32, gamma: f32) -> f32 {
     255.0 * (grey / 255.0).powf(gamma)
 }
 
+fn grey_of(light: f32, gamma: f32) -> f32 {
+    if gamma == 1.0 {
+        light
+    } else {
+        255.0 * (light / 255.0).powf(1.0 / gamma)
+    }
+}
+
 impl Palette {
     fn lit(&self, gamma: f32) -> Self {
         let lit = |colour: [f32; 3]| colour.map(|grey| light_of(grey, gamma));
@@ -114,15 +122,16 @@ impl Palette {
 }
 
 impl Plate<'_> {
-    /// Light at a point relative to the centre; `None` beside the plate and its robot.
+    /// Light at a point relative to the centre; `None` beside the plate and its robot. The sine
+    /// and cosine are those of its rotation.
     fn colour(
         &self,
         [x, y]: [f32; 2],
+        (sin, cos): (f32, f32),
         plate_px: f32,
         palette: &Palette,
         gamma: f32,
     ) -> Option<[f32; 3]> {
-        let (sin, cos) = self.turn_rad.sin_cos();
         let at = [
             (cos * x + sin * y) / plate_px,
             (cos * y - sin * x) / plate_px,
@@ -202,7 +211,7 @@ pub(crate) fn picture(
     for plane in &mut planes {
         for (i, value) in plane.iter_mut().enumerate() {
             let lit = light_at((i % size.width) as f32) / light_at(size.width as f32);
-            let grey = 255.0 * (*value * lit / 255.0).powf(1.0 / conditions.gamma);
+            let grey = grey_of(*value * lit, conditions.gamma);
             *value = grey + conditions.noise * random.normal();
         }
         if conditions.sharpening != 0.0 {
@@ -312,23 +321,23 @@ fn defocused(plane: &[f32], size: Size, radius: f32) -> Vec<f32> {
 }
 
 fn mean_of_shifted(plane: &[f32], size: Size, offsets: &[[f32; 2]]) -> Vec<f32> {
-    let pixel = |x: isize, y: isize| {
-        let x = x.clamp(0, size.width as isize - 1) as usize;
+    let row = |y: isize| {
         let y = y.clamp(0, size.height as isize - 1) as usize;
-        plane[y * size.width + x]
+        &plane[y * size.width..][..size.width]
     };
     let mut out = vec![0.0; plane.len()];
     for &[dx, dy] in offsets {
         let [left, top] = [dx, dy].map(|d| d.floor() as isize);
         let [fx, fy] = [dx - dx.floor(), dy - dy.floor()];
-        for (i, out) in out.iter_mut().enumerate() {
-            let [x, y] = [
-                (i % size.width) as isize + left,
-                (i / size.width) as isize + top,
-            ];
-            let above = pixel(x, y) * (1.0 - fx) + pixel(x + 1, y) * fx;
-            let below = pixel(x, y + 1) * (1.0 - fx) + pixel(x + 1, y + 1) * fx;
-            *out += (above * (1.0 - fy) + below * fy) / offsets.len() as f32;
+        for (y, out) in out.chunks_exact_mut(size.width).enumerate() {
+            let y = y as isize + top;
+            let rows = [row(y), row(y + 1)];
+            for (x, out) in out.iter_mut().enumerate() {
+                let x = x as isize + left;
+                let [x, next] = [x, x + 1].map(|x| x.clamp(0, size.width as isize - 1) as usize);
+                let [above, below] = rows.map(|row| row[x] * (1.0 - fx) + row[next] * fx);
+                *out += (above * (1.0 - fy) + below * fy) / offsets.len() as f32;
+            }
         }
     }
     out
@@ -394,6 +403,7 @@ fn draw(
     let centre = to_floor(plate.centre);
     // As large in the picture everywhere.
     let side = plate_px * viewpoint.floor_per_px(plate.centre, size);
+    let turn = plate.turn_rad.sin_cos();
     let reach = if viewpoint == Viewpoint::ABOVE {
         plate_px * 0.75 + 6.0
     } else {
@@ -409,15 +419,18 @@ fn draw(
             // Within a pixel, every camera is affine to a thousandth of a pixel.
             let [left, right, top, bottom] = [[-0.5, 0.0], [0.5, 0.0], [0.0, -0.5], [0.0, 0.5]]
                 .map(|[dx, dy]| to_floor([x as f32 + dx, y as f32 + dy]));
+            let of_x = [0, 1].map(|i: usize| right[i] - left[i]);
+            let of_y = [0, 1].map(|i: usize| bottom[i] - top[i]);
+            let from_centre =
+                [0, 1].map(|i: usize| (left[i] + right[i] + top[i] + bottom[i]) / 4.0 - centre[i]);
             let mut sums = [0.0; 3];
             for i in 0..SUBSAMPLES * SUBSAMPLES {
                 let offset = |i: usize| (i as f32 + 0.5) / SUBSAMPLES as f32 - 0.5;
                 let [dx, dy] = [offset(i % SUBSAMPLES), offset(i / SUBSAMPLES)];
-                let point = [0, 1].map(|i: usize| {
-                    let middle = (left[i] + right[i] + top[i] + bottom[i]) / 4.0;
-                    middle + dx * (right[i] - left[i]) + dy * (bottom[i] - top[i]) - centre[i]
-                });
-                let colour = plate.colour(point, side, palette, gamma).unwrap_or(before);
+                let point = [0, 1].map(|i: usize| from_centre[i] + dx * of_x[i] + dy * of_y[i]);
+                let colour = plate
+                    .colour(point, turn, side, palette, gamma)
+                    .unwrap_or(before);
                 for (sum, value) in sums.iter_mut().zip(colour) {
                     *sum += value / (SUBSAMPLES * SUBSAMPLES) as f32;
                 }
@@ -432,8 +445,10 @@ fn draw(
 /// A plane through a Gaussian lens.
 fn blurred(plane: &[f32], size: Size, sigma: f32) -> Vec<f32> {
     let reach = (4.0 * sigma).ceil() as isize;
-    let weight = |d: isize| (-((d * d) as f32) / (2.0 * sigma * sigma)).exp();
-    let total: f32 = (-reach..=reach).map(weight).sum();
+    let weights: Vec<(isize, f32)> = (-reach..=reach)
+        .map(|d| (d, (-((d * d) as f32) / (2.0 * sigma * sigma)).exp()))
+        .collect();
+    let total: f32 = weights.iter().map(|(_, weight)| weight).sum();
     let mut out = plane.to_vec();
     for [dx, dy] in [[1isize, 0isize], [0, 1]] {
         let source = out.clone();
@@ -444,7 +459,7 @@ fn blurred(plane: &[f32], size: Size, sigma: f32) -> Vec<f32> {
                     let y = (y + d * dy).clamp(0, size.height as isize - 1) as usize;
                     source[y * size.width + x]
                 };
-                let sum: f32 = (-reach..=reach).map(|d| weight(d) * at(d)).sum();
+                let sum: f32 = weights.iter().map(|&(d, weight)| weight * at(d)).sum();
                 out[y as usize * size.width + x as usize] = sum / total;
             }
         }
