@@ -63,18 +63,22 @@ fn to_yuyv(frame: &mut Frame) {
     frame.full_range = false;
 }
 
-/// Processes all slots once and returns the total number of objects. Time continues from round to
-/// round.
+/// Processes all slots once and returns the total number of objects. The next round goes back, so
+/// that nothing jumps, and time continues.
 fn process_all(pipeline: &mut Pipeline, slots: &mut [Slot]) -> u32 {
-    let round_ns = (slots.len() as f64 * 1e9 / RATE_HZ) as u64;
+    let last_ns = slots.iter().map(|slot| slot.frame.stamp_ns).max();
+    let frame_ns = (1e9 / RATE_HZ) as u64;
+    let mut stamp_ns = last_ns.expect("there are slots");
     let mut objects = 0;
-    for slot in slots {
+    for slot in slots.iter_mut() {
+        stamp_ns += frame_ns;
+        slot.frame.stamp_ns = stamp_ns;
         if pipeline.process(slot).expect("a whole frame") == Outcome::Scene {
             objects += slot.scene.n_objects;
         }
         slot.background = None;
-        slot.frame.stamp_ns += round_ns;
     }
+    slots.reverse();
     objects
 }
 
