@@ -398,3 +398,30 @@ fn what_replaces_a_known_robot_is_not_taken_for_it() {
         play.show(&robots);
     }
 }
+
+/// A shape is not searched while all in it is known; a shape with something new is.
+#[test]
+fn what_is_put_beside_a_known_robot_is_read_in_its_first_frame() {
+    let (outlines, names) = family();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let known = grid(3, 2, 80.0);
+    // Their bodies touch.
+    let beside = known.iter().map(|&[x, y]| [x + 1.4 * PLATE_PX, y]);
+    let all: Vec<[f32; 2]> = known.iter().copied().chain(beside).collect();
+    let mut plates = plates(&outlines, &all, 0.0);
+    for plate in &mut plates {
+        plate.robot = Robot::Dark;
+    }
+    let mut play = Play::new(GREY);
+    play.learn(&[]);
+    let mut tally = Tally::default();
+    // In every eighth frame known robots are searched, too: one of these is not such a frame.
+    for frames in [20, 5] {
+        for _ in 0..frames {
+            play.show(&plates[..known.len()]);
+        }
+        tally.add(play.show(&plates), &plates, &names);
+    }
+    println!("beside known robots: {tally:?}");
+    assert_eq!((tally.read, tally.wrong), (tally.shown, 0), "{tally:?}");
+}
