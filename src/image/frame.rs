@@ -565,6 +565,35 @@ mod tests {
     }
 
     #[test]
+    fn a_jpeg_keeps_colours_that_change_from_column_to_column() {
+        const SIDE: usize = 16;
+        let column = |x: usize| [[230, 40, 30], [30, 50, 220]][x % 2];
+        let pixels: Vec<u8> = (0..SIDE * SIDE).flat_map(|i| column(i % SIDE)).collect();
+        let mut bytes = Vec::new();
+        let mut encoder = jpeg_encoder::Encoder::new(&mut bytes, 100);
+        encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::R_4_4_4);
+        encoder
+            .encode(
+                &pixels,
+                SIDE as u16,
+                SIDE as u16,
+                jpeg_encoder::ColorType::Rgb,
+            )
+            .expect("encodes");
+        let jpeg = frame(PixelFormat::Jpeg, true, (SIDE, SIDE), &bytes);
+        let picture = decoded(&jpeg).expect("a picture");
+        for i in 0..SIDE * SIDE {
+            let found = [picture.red[i], picture.green[i], picture.blue[i]];
+            for (found, drawn) in found.into_iter().zip(column(i % SIDE)) {
+                assert!(
+                    found.abs_diff(drawn) < 6,
+                    "{found}, not {drawn}, in pixel {i}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn limited_range_reaches_black_white_and_the_primaries() {
         // Y, U, V of black, white and saturated red in limited range; 81, 90, 240 is the textbook
         // value for red.
