@@ -316,9 +316,9 @@ impl Family {
     ) -> Option<Fitted> {
         let layers = self.markers[marker].template.layers();
         let Cutout { grey, size, .. } = cutout;
-        let (prior, expected) = priors(optics, settings, upright.pose.plate_px);
-        let start = PlateMap::upright(&upright.pose);
-        refine_shape(grey, size, within, layers, start, &prior, &expected)
+        let pose = &upright.pose;
+        let (prior, expected) = priors(optics, settings, pose.plate_px);
+        refine_shape(grey, size, within, layers, pose, &prior, &expected)
             .and_then(|curved| likely(curved, optics))
     }
 

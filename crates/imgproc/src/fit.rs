@@ -38,7 +38,7 @@ use crate::tone::ToneCurve;
 use crate::{Bounds, Size, assert_len};
 
 use curved::Curved;
-use descent::{COARSE_ROUNDS, Fitted, Model, SHARPENING, TONE, descend};
+use descent::{Fitted, Model, SHARPENING, TONE, descend};
 use upright::Upright;
 use view::View;
 
@@ -226,10 +226,18 @@ pub fn fit_shape(
     start: Pose,
     prior: &Prior,
 ) -> Option<Fit> {
-    let (at, plate_px) = (start.centre, start.plate_px);
-    let [coarse, fine] = views(plane, size, within, layers, at, plate_px, prior);
-    let start = Upright::new(start, prior);
-    let fitted = descend(start, [&coarse, &fine], COARSE_ROUNDS, prior)?;
+    let views = [COARSE_ACROSS, across_max(prior)].map(|across| {
+        view(
+            plane,
+            size,
+            within,
+            layers,
+            start.centre,
+            start.plate_px / across,
+            prior,
+        )
+    });
+    let fitted = descend(Upright::new(start, prior), [&views[0], &views[1]], prior)?;
     let poses = [upright::X, upright::Y, upright::TURN];
     let covariance = poses.map(|i| poses.map(|k| fitted.covariance[i][k] as f32));
     Some(result(
@@ -261,14 +269,22 @@ pub fn fit_curved_shape(
     prior: &Prior,
     expected: &StretchPrior,
 ) -> Option<CurvedFit> {
-    let (at, plate_px) = (start.origin, start.unit_px);
-    let [coarse, fine] = views(plane, size, within, layers, at, plate_px, prior);
+    let views = [COARSE_ACROSS, across_max(prior)].map(|across| {
+        view(
+            plane,
+            size,
+            within,
+            layers,
+            start.origin,
+            start.unit_px / across,
+            prior,
+        )
+    });
     let curved = Curved::new(start, expected.blur_px, prior, *expected);
-    descend(curved, [&coarse, &fine], COARSE_ROUNDS, prior).map(|fitted| curved_result(&fitted))
+    descend(curved, [&views[0], &views[1]], prior).map(|fitted| curved_result(&fitted))
 }
 
-/// Continues a fit, or that of the same plate a frame ago, with all pixels from the first round on.
-/// `start` must be right to within half a pixel, 1 degree, and a twentieth of the size. Otherwise as
+/// Continues a fit of an upright plate, which may be seen at a small angle. Otherwise as
 /// [`fit_curved_shape`].
 ///
 /// # Panics
@@ -280,15 +296,24 @@ pub fn refine_shape(
     size: Size,
     within: Option<Within<'_>>,
     layers: Layers<'_>,
-    start: PlateMap,
+    start: &Pose,
     prior: &Prior,
     expected: &StretchPrior,
 ) -> Option<CurvedFit> {
-    let (at, plate_px) = (start.origin, start.unit_px);
-    let [coarse, fine] = views(plane, size, within, layers, at, plate_px, prior);
-    let curved = Curved::new(start, expected.blur_px, prior, *expected);
-    // The coarse view still gives the light to start with.
-    descend(curved, [&coarse, &fine], 0, prior).map(|fitted| curved_result(&fitted))
+    let block_px = start.plate_px / across_max(prior);
+    let fine = view(plane, size, within, layers, start.centre, block_px, prior);
+    let map = PlateMap::upright(start);
+    let curved = Curved::new(map, start.blur_px, prior, *expected);
+    descend(curved, [&fine, &fine], prior).map(|fitted| curved_result(&fitted))
+}
+
+/// Maximum number of blocks across a plate.
+fn across_max(prior: &Prior) -> f32 {
+    if prior.tone_sigma > UNKNOWN_TONE {
+        f32::INFINITY
+    } else {
+        PLATE_BINNED_PX / 2.0
+    }
 }
 
 fn curved_result(fitted: &Fitted<Curved, { curved::UNKNOWNS }>) -> CurvedFit {
@@ -309,47 +334,39 @@ fn curved_result(fitted: &Fitted<Curved, { curved::UNKNOWNS }>) -> CurvedFit {
     }
 }
 
-/// The coarse and the fine view of a plate.
-fn views<'a>(
+fn view<'a>(
     plane: &'a [u8],
     size: Size,
     within: Option<Within<'a>>,
     layers: Layers<'a>,
     origin: [f32; 2],
-    plate_px: f32,
+    block_px: f32,
     prior: &Prior,
-) -> [View<'a>; 2] {
+) -> View<'a> {
     assert_len("plane", plane.len(), size);
     if let Some(Within { mask, bounds }) = within {
         assert_len("mask", mask.len(), bounds.size());
     }
-    let across_max = if prior.tone_sigma > UNKNOWN_TONE {
-        f32::INFINITY
-    } else {
-        PLATE_BINNED_PX / 2.0
-    };
+    let block_px = block_px.max(1.0) as usize;
     let curve = ToneCurve::new(prior.tone);
-    [COARSE_ACROSS, across_max].map(|across| {
-        let block_px = (plate_px / across).max(1.0) as usize;
-        let mut light = [0.0; 256];
-        if block_px > 1 {
-            for (grey, light) in light.iter_mut().enumerate() {
-                *light = curve.light(grey as f32);
-            }
+    let mut light = [0.0; 256];
+    if block_px > 1 {
+        for (grey, light) in light.iter_mut().enumerate() {
+            *light = curve.light(grey as f32);
         }
-        View {
-            plane,
-            size,
-            within,
-            layers,
-            block_px,
-            curve,
-            is_sharpened: prior.sharpening.abs() > SHARPENING_MIN
-                || prior.sharpening_sigma > SHARPENING_MIN,
-            light,
-            origin,
-        }
-    })
+    }
+    View {
+        plane,
+        size,
+        within,
+        layers,
+        block_px,
+        curve,
+        is_sharpened: prior.sharpening.abs() > SHARPENING_MIN
+            || prior.sharpening_sigma > SHARPENING_MIN,
+        light,
+        origin,
+    }
 }
 
 fn result<M: Model<N>, const N: usize>(

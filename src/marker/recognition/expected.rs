@@ -1,7 +1,7 @@
 //! Markers that are known from the last frames, read where they must be now.
 
 use fourier::wrapped;
-use imgproc::fit::{PlateMap, Pose, Prior, fit_curved_shape, fit_shape, refine_shape};
+use imgproc::fit::{PlateMap, Pose, Prior, fit_curved_shape, fit_shape};
 
 use super::{Fitted, Recognised, RecognitionSettings, explains, likely, priors, read};
 use crate::marker::Family;
@@ -108,7 +108,7 @@ impl Family {
         let Cutout { grey, size, .. } = cutout;
         let (prior, stretch) = priors(optics, settings, expected.plate_px);
         let start = PlateMap::stretched(&expected.pose(optics), stretch.stretch);
-        let curved = refine_shape(grey, size, None, layers, start, &prior, &stretch)?;
+        let curved = fit_curved_shape(grey, size, None, layers, start, &prior, &stretch)?;
         let Fitted { fit, stretch } = likely(curved, optics)?;
         let read = read(expected.marker, &fit, settings)?;
         (expected.is_at(&read) && explains(&fit, optics.imaging.noise(), settings)).then(|| {

@@ -29,8 +29,8 @@ const FIRST_TOLERANCE: f32 = 0.5;
 /// edge, and a larger triangle elsewhere differs only in that.
 const COARSE_FREEDOM: f64 = 0.1;
 
-/// Number of rounds with the coarse view, if the start is not yet exact.
-pub(super) const COARSE_ROUNDS: usize = 2;
+/// Number of rounds with the coarse view.
+const COARSE_ROUNDS: usize = 2;
 
 /// Number of unknowns of [`Light`], the first ones of every model: grey level of the bare plate, slope
 /// of the light in x and y, grey level of the shape, exponent of the tone curve, sharpening.
@@ -314,18 +314,17 @@ pub(super) struct Fitted<M, const N: usize> {
     pub(super) hidden: [f32; 2],
 }
 
-/// Fits a model, for some rounds to the coarse view, then to the fine one. `None` if the pixels do not
+/// Fits a model, first to the coarse view, then to the fine one. `None` if the pixels do not
 /// determine the unknowns, lead away from the start, or clearly show something else.
 pub(super) fn descend<const N: usize, M: Model<N>>(
     start: M,
     [coarse, fine]: [&View<'_>; 2],
-    coarse_rounds: usize,
     prior: &Prior,
 ) -> Option<Fitted<M, N>> {
     let (mut model, coverage_variance) = lit(start, coarse)?;
     let mut before = f32::INFINITY;
     for round in 0..ROUNDS_MAX {
-        let last_view = round >= coarse_rounds || coarse.block_px == fine.block_px;
+        let last_view = round >= COARSE_ROUNDS || coarse.block_px == fine.block_px;
         let view = if last_view { fine } else { coarse };
         let block_px = view.block_px;
         let contrast = model.light().contrast();

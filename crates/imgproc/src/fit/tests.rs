@@ -417,7 +417,7 @@ fn an_upright_fit_is_refined_to_the_angle() {
         SIZE,
         None,
         layers,
-        PlateMap::upright(&upright.pose),
+        &upright.pose,
         &PRIOR,
         &ANY_ANGLE,
     );
