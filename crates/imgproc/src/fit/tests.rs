@@ -195,6 +195,31 @@ fn a_tone_curve_is_found_with_the_pose() {
     }
 }
 
+/// For a camera that may sharpen.
+const SHARPENED: Prior = Prior {
+    noise: 1.0,
+    sharpening: 0.3,
+    sharpening_sigma: 0.5,
+    ..PRIOR
+};
+
+/// A plate through a camera that sharpens. With less contrast than in the other pictures, so that no
+/// overshoot is cut off.
+fn sharpened(truth: &Pose, sharpening: f32) -> Vec<u8> {
+    let softer = Pose {
+        blur_px: (truth.blur_px * truth.blur_px + 1.0).sqrt(),
+        ..*truth
+    };
+    let seen = |pose: &Pose| {
+        let plane = picture(SIZE, pose, || 0.0).into_iter();
+        plane.map(|grey| 60.0 + 0.5 * f32::from(grey))
+    };
+    seen(truth)
+        .zip(seen(&softer))
+        .map(|(own, soft)| (own + sharpening * (own - soft)).round() as u8)
+        .collect()
+}
+
 #[test]
 fn sharpening_is_found_with_the_pose() {
     let samples = samples();
@@ -203,26 +228,9 @@ fn sharpening_is_found_with_the_pose() {
         .enumerate()
     {
         let truth = some_pose(i, plate_px);
-        let softer = Pose {
-            blur_px: (truth.blur_px * truth.blur_px + 1.0).sqrt(),
-            ..truth
-        };
-        // Less contrast than there is in the other pictures, so that no overshoot is cut off.
-        let seen = |pose: &Pose| {
-            let plane = picture(SIZE, pose, || 0.0).into_iter();
-            plane.map(|grey| 60.0 + 0.5 * f32::from(grey))
-        };
-        let plane: Vec<u8> = seen(&truth)
-            .zip(seen(&softer))
-            .map(|(own, soft)| (own + sharpening * (own - soft)).round() as u8)
-            .collect();
-        let unknown = Prior {
-            noise: 1.0,
-            sharpening: 0.3,
-            sharpening_sigma: 0.5,
-            ..PRIOR
-        };
-        let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &unknown)
+        let plane = sharpened(&truth, sharpening);
+        let start = near(&truth);
+        let fit = fit_shape(&plane, SIZE, None, layers(&samples), start, &SHARPENED)
             .unwrap_or_else(|| panic!("{sharpening}: a plate that is there"));
         let off = off(&fit.pose, &truth);
         assert!(off < 0.02, "{sharpening}: {off} px");
@@ -243,22 +251,9 @@ fn sharpening_is_found_with_the_pose() {
 fn a_softened_picture_is_a_blurred_one() {
     let samples = samples();
     let truth = some_pose(1, 24.0);
-    let softer = Pose {
-        blur_px: (truth.blur_px * truth.blur_px + 1.0).sqrt(),
-        ..truth
-    };
-    let seen = |pose: &Pose| picture(SIZE, pose, || 0.0).into_iter().map(f32::from);
-    let plane: Vec<u8> = seen(&truth)
-        .zip(seen(&softer))
-        .map(|(own, soft)| (0.8 * own + 0.2 * soft).round() as u8)
-        .collect();
-    let unknown = Prior {
-        noise: 1.0,
-        sharpening: 0.3,
-        sharpening_sigma: 0.5,
-        ..PRIOR
-    };
-    let fit = fit_shape(&plane, SIZE, None, layers(&samples), near(&truth), &unknown)
+    let plane = sharpened(&truth, -0.2);
+    let start = near(&truth);
+    let fit = fit_shape(&plane, SIZE, None, layers(&samples), start, &SHARPENED)
         .expect("a plate that is there");
     assert!(off(&fit.pose, &truth) < 0.02);
     assert!((0.0..0.05).contains(&fit.sharpening), "{}", fit.sharpening);
